@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset, Entry
-from fdd.campaign.learning_spreads import healthy_logs
 from fdd.campaign.scores import wilson
+from fdd.campaign.spreads import healthy_logs
 from fdd.campaign.units import How, over_units
 from fdd.diagnosis.baseline import effects_of
 from fdd.diagnosis.departures import VAGUE, departures

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 
-from fdd.campaign.dataset import Dataset, Entry
-from fdd.campaign.layout import CARD, LABELS, MANIFEST, RECIPE, SUMS
-from fdd.campaign.splits import SPLITS, split_of
+from fdd.campaign.dataset import (
+    CARD,
+    LABELS,
+    MANIFEST,
+    RECIPE,
+    SPLITS,
+    SUMS,
+    Dataset,
+    Entry,
+    sha256_of,
+    split_of,
+)
 from fdd.campaign.visibility import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.faults import CATALOGUE
 from fdd.files import write_text
@@ -34,14 +42,9 @@ def write_sums(directory: Path) -> None:
     Manifest and card are left out: they are written after it. So is what others put there.
     """
     files = [directory / RECIPE, directory / LABELS, *(p for p in directory.glob("*/*") if p.is_file())]
-    lines = []
-    for path in sorted(
-        p for p in files if not any(x.startswith(".") for x in p.relative_to(directory).parts)
-    ):
-        with path.open("rb") as file:
-            told = hashlib.file_digest(file, "sha256").hexdigest()
-        lines.append(f"{told}  {path.relative_to(directory).as_posix()}\n")
-    write_text(directory / SUMS, "".join(lines))
+    named = sorted((path, path.relative_to(directory)) for path in files)
+    shown = [(p, name) for p, name in named if not any(part.startswith(".") for part in name.parts)]
+    write_text(directory / SUMS, "".join(f"{sha256_of(p)}  {name.as_posix()}\n" for p, name in shown))
 
 
 def write_card(directory: Path) -> None:
@@ -129,15 +132,14 @@ No unit is in two splits.
 def _faults(data: Dataset) -> str:
     """How often each fault is there, and how severe: a table."""
     rows = []
-    counts = Counter(f.fault for e in data.logs for f in e.faults)
-    for name in (n for n in CATALOGUE if counts[n]):
+    for name in CATALOGUE:
         mine = [f for e in data.logs for f in e.faults if f.fault == name]
-        spans = []
-        for values in ([f.severity for f in mine], [f.onset_s for f in mine]):
-            spans.append(f"{min(values):.3g} to {max(values):.3g}")
-        for named in ([f.law for f in mine], [f.profile for f in mine]):
-            spans.append(", ".join(f"{n} {k}" for n, k in Counter(filter(None, named)).most_common()))
-        rows.append([name, str(len(mine)), *spans])
+        if mine:
+            spans = ([f.severity for f in mine], [f.onset_s for f in mine])
+            named = (Counter(f.law for f in mine if f.law), Counter(f.profile for f in mine))
+            told = [f"{min(values):.3g} to {max(values):.3g}" for values in spans]
+            told += [", ".join(f"{n} {k}" for n, k in count.most_common()) for count in named]
+            rows.append([name, str(len(mine)), *told])
     rows.append(["healthy", str(sum(e.healthy for e in data.logs)), "", "", "", ""])
     return "\n".join(table(["fault", "logs", "severity", "onset, s", "laws", "courses"], rows)[:-1])
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
 
 from fdd.bounds import MAX_JSON_BYTES
-from fdd.campaign.layout import BASE_UNIT, DATASET_SCHEMA, LABELS, MANIFEST, RECIPE, SUMS, TRUE_UNIT, digest
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.visibility import ChannelVisibility
 from fdd.errors import InputError
@@ -22,7 +22,25 @@ from fdd.plant.validated import Validated
 from fdd.samples import Samples
 from fdd.unit import Unit
 
+DATASET_SCHEMA = "fdd.dataset/1"
+RECIPE = "recipe.yaml"
+LABELS = "labels.json"
+MANIFEST = "manifest.json"
+"""Written last: a folder without it is unfinished."""
+CARD = "README.md"
+SUMS = "SHA256SUMS"
+"""Hashes of all other files, as sha256sum has them."""
+PARTS = ".parts"
+"""Label of each finished run, until the data set is complete."""
+TRUE_UNIT = "true_unit.yaml"
+BASE_UNIT = "base_unit.yaml"
+"""The data sheet that the unit was varied from, where no shipped profile is it."""
+SHARE = 0.2
+"""Of the units, for validation, and again for test."""
+Split = Literal["train", "validation", "test"]
+SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 M = TypeVar("M", bound=Validated)
+HEALTHY = "healthy"
 AGAIN = "copy the data set again or generate it anew"
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+$", max_length=200)]
 
@@ -97,7 +115,18 @@ class Entry(Validated):
     @property
     def family(self) -> str:
         """Family of the first fault, or ``healthy``."""
-        return self.faults[0].family if self.faults else "healthy"
+        return self.faults[0].family if self.faults else HEALTHY
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What tables say of it: file, unit, and the first fault with its severity and onset."""
+        lead = self.faults[0] if self.faults else None
+        return {
+            "file": self.file, "unit": self.unit, "fault": lead.fault if lead else HEALTHY,
+            "faults": " ".join(f.fault for f in self.faults) or HEALTHY, "family": self.family,
+            "severity": lead.severity if lead else 0.0, "onset_s": lead.onset_s if lead else None,
+            "structure": self.structure,
+        }  # fmt: skip
 
 
 class Manifest(Validated):
@@ -145,18 +174,14 @@ class Dataset:
             raise InputError("no such folder", where=directory, mend=mend)
         if not (directory / MANIFEST).is_file():
             if (directory / RECIPE).is_file():
-                raise InputError(
-                    f"unfinished data set (no {MANIFEST})", where=directory,
-                    mend=f"finish it with: fdd generate {directory / RECIPE} -o {directory}",
-                )  # fmt: skip
+                again = f"finish it with: fdd generate {directory / RECIPE} -o {directory}"
+                raise InputError(f"unfinished data set (no {MANIFEST})", where=directory, mend=again)
             raise InputError(f"not a data set (no {MANIFEST})", where=directory, mend=mend)
         plain = _json(directory / MANIFEST)
         schema = plain.get("schema") if isinstance(plain, dict) else None
         if schema != DATASET_SCHEMA:
-            raise InputError(
-                f"data set of version {schema!r} where {DATASET_SCHEMA!r} is wanted",
-                where=directory / MANIFEST, mend=mend,
-            )  # fmt: skip
+            problem = f"data set of version {schema!r} where {DATASET_SCHEMA!r} is wanted"
+            raise InputError(problem, where=directory / MANIFEST, mend=mend)
         manifest = _read(Manifest, plain, directory / MANIFEST)
         recipe_text, labels_text = _text(directory / RECIPE), _text(directory / LABELS)
         if digest(recipe_text, labels_text) != manifest.sha256:
@@ -202,9 +227,7 @@ class Dataset:
             path = self.directory / name
             if not path.is_file():
                 raise InputError("is missing", where=path, mend=AGAIN)
-            with path.open("rb") as file:
-                found = hashlib.file_digest(file, "sha256").hexdigest()
-            if found != known.get(name):
+            if sha256_of(path) != known.get(name):
                 raise InputError(f"is not what {SUMS} was taken of", where=path, mend=AGAIN)
 
     def samples(self, entry: Entry) -> Samples:
@@ -283,3 +306,40 @@ def _read(kind: type[M], plain: dict[str, Any], where: Path) -> M:
         return kind(**plain)
     except InputError as error:
         raise error.at(where) from None
+
+
+def digest(recipe_text: str, labels_text: str) -> str:
+    """SHA-256 over a data set's labels and recipe, as its files have them."""
+    return hashlib.sha256(labels_text.encode() + b"\0" + recipe_text.encode()).hexdigest()
+
+
+def sha256_of(path: Path) -> str:
+    """Of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def split_of(units: Sequence[str], seed: int = 0) -> dict[str, Split]:
+    """Which units a learner sees, tunes by and is judged on: at random, the same way each time.
+
+    Returns
+    -------
+    Unit to its split: a fifth each for validation and test (at least one of three units or more; of two, one
+    is for test), the rest for training.
+
+    Examples
+    --------
+    >>> from collections import Counter
+    >>> sorted(Counter(split_of([f"unit_{k:03d}" for k in range(10)]).values()).items())
+    [('test', 2), ('train', 6), ('validation', 2)]
+    >>> sorted(split_of(["a", "b"]).values())
+    ['test', 'train']
+    """
+    order = sorted(units, key=lambda unit: hashlib.sha256(f"{seed}/{unit}".encode()).hexdigest())
+    held = max(round(SHARE * len(order)), 1)
+    tested = held if len(order) > 1 else 0
+    tuned = held if len(order) > 2 else 0
+    found: dict[str, Split] = {}
+    for place, unit in enumerate(order):
+        found[unit] = "test" if place < tested else "validation" if place < tested + tuned else "train"
+    return {unit: found[unit] for unit in units}

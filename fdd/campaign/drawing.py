@@ -14,8 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fdd.campaign import population
-from fdd.campaign.missions import changing, drawn_mission
-from fdd.campaign.motion import fitting_duty
+from fdd.campaign.motion import changing, drawn_mission, fitting_duty
 from fdd.campaign.ranges import Rng, apportioned, chosen, drawn, log_uniform, uniform
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import Scale
@@ -107,8 +106,10 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
         return (1.0 + share * rng.uniform(-1.0, 1.0, size)).tolist()
 
     def varied(name: str, section: S, names: tuple[str, ...]) -> S:
-        factors = population.factors(rng, name, names) if stated else around(recipe.variation, len(names))
-        return _times(section, names, factors)
+        spreads = population.BETWEEN_UNITS[name]
+        if stated:
+            return _times(section, names, [spreads[each].factor(rng) for each in names])
+        return _times(section, names, around(recipe.variation, len(names)))
 
     cylinder = varied("cylinder", unit.cylinder, VARIED["cylinder"])
     ratio = unit.cylinder.area_2 / unit.cylinder.area_1
@@ -116,9 +117,10 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     cylinder = cylinder.model_copy(update={"area_2": float(cylinder.area_1 * ratio * mismatch)})
     branches = {}
     level = population.FRICTION_LEVEL.factor(rng) if stated else 1.0
+    common = {"coulomb": level, "static": level}
     for name in ("forward", "reverse"):
         if stated:
-            factors = population.friction_factors(rng, VARIED_FRICTION, level)
+            factors = [s.factor(rng) * common.get(n, 1.0) for n, s in population.FRICTION.items()]
         else:
             factors = around(recipe.variation, len(VARIED_FRICTION))
         branch = _times(getattr(unit.friction, name), VARIED_FRICTION, factors)

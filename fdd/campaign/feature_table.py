@@ -7,7 +7,6 @@ or ``feature``) in the metadata of its field; fdd's version and the data set's h
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -16,8 +15,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fdd import __version__
-from fdd.campaign.dataset import Dataset, Entry, Manifest
-from fdd.campaign.splits import split_of
+from fdd.campaign.dataset import HEALTHY, Dataset, Manifest, split_of
 from fdd.campaign.train import identified_unit
 from fdd.campaign.units import How, over_units
 from fdd.diagnosis.findings import Diagnosis
@@ -27,7 +25,6 @@ from fdd.files import whole_file
 from fdd.learning.features import FEATURES, log_features
 
 SCHEMA = "fdd.features/1"
-HEALTHY = "healthy"
 KEY = b"fdd"
 MEND = "make it with: fdd features DATASET -o FILE.parquet"
 
@@ -37,8 +34,8 @@ TOLD: dict[str, tuple[str, str, str]] = {
     "end_s": ("id", "s", "end of it"),
     "unit": ("id", "", "the actuator: rows of one belong together"),
     "split": ("id", "", "train, validation or test; all rows of a unit are in one"),
-    "fault": ("label", "", "true fault that acts by the end of the row, the first one injected; or healthy"),
-    "faults": ("label", "", "all that act by then, with blanks between"),
+    "fault": ("label", "", "true fault, the first one injected; or healthy"),
+    "faults": ("label", "", "all of them, with blanks between"),
     "family": ("label", "", "of that fault, or healthy"),
     "severity": ("label", "1", "of that fault, 0 to 1; 0 while healthy"),
     "onset_s": ("label", "s", "when that fault begins"),
@@ -46,7 +43,7 @@ TOLD: dict[str, tuple[str, str, str]] = {
     "load": ("condition", "", "kind of load"),
     "duty": ("condition", "", "kind of motion"),
     "control": ("condition", "", "position or speed"),
-    "answer_verdict": ("answer", "", "of fdd diagnose by the end of the row"),
+    "answer_verdict": ("answer", "", "of fdd diagnose"),
     "answer_fault": ("answer", "", "its surest fault, or healthy"),
     "answer_family": ("answer", "", "its likeliest family, or healthy"),
     "answer_confidence": ("answer", "1", "probability that it gives that family"),
@@ -54,34 +51,26 @@ TOLD: dict[str, tuple[str, str, str]] = {
 """Columns beside the features: role, unit and meaning."""
 
 
-def feature_table(
-    directory: str | Path,
-    *,
-    model: str | None = None,
-    window: float | None = None,
-    **how: Unpack[How],
-) -> pa.Table:
+def feature_table(directory: str | Path, *, model: str | None = None, **how: Unpack[How]) -> pa.Table:
     """Diagnose every log of a data set, on profiles identified from its units' own baselines.
 
     Parameters
     ----------
-    model : file of the learnt layer; None takes the shipped one. window : s of a row; None: a log is one.
+    model : file of the learnt layer; None takes the shipped one.
 
     Returns
     -------
-    Columns of `TOLD`, then `FEATURES`; a row for each log or window, by unit and log.
+    Columns of `TOLD`, then `FEATURES`; a row for each log, by unit and log.
 
     Raises
     ------
     InputError : not a data set, without baselines, or an unusable model.
     """
-    rows = over_units(partial(_unit_rows, window), directory, model, **how)
-    return table_of(rows, Dataset.load(directory).manifest, Model.load(model).sha256, window)
+    rows = over_units(_unit_rows, directory, model, **how)
+    return table_of(rows, Dataset.load(directory).manifest, Model.load(model).sha256)
 
 
-def table_of(
-    rows: list[dict[str, Any]], data: Manifest, model_sha256: str, window: float | None = None
-) -> pa.Table:
+def table_of(rows: list[dict[str, Any]], data: Manifest, model_sha256: str) -> pa.Table:
     """Rows with what the file has to say of them.
 
     Parameters
@@ -98,7 +87,7 @@ def table_of(
     ]
     about = {
         "schema": SCHEMA, "fdd": __version__, "data": data.name, "data_sha256": data.sha256,
-        "model_sha256": model_sha256, "window_s": window,
+        "model_sha256": model_sha256, "window_s": None,
     }  # fmt: skip
     return pa.table(plain, schema=pa.schema(fields, metadata={KEY: json.dumps(about)}))
 
@@ -107,26 +96,17 @@ def _type(name: str, unit: str) -> pa.DataType:
     return pa.float64() if name in FEATURES or unit else pa.string()
 
 
-def _unit_rows(window: float | None, directory: str, model: str | None, unit: str) -> list[dict[str, Any]]:
+def _unit_rows(directory: str, model: str | None, unit: str) -> list[dict[str, Any]]:
     data = Dataset.load(directory)
     profile, learnt = identified_unit(data, unit), Model.load(model)
-    return [
-        {**_truth(entry, start, end), **_answer(answer), **row}
-        for entry in data.logs_of(unit)
-        for start, end, answer, row in log_features(data.samples(entry), profile, learnt, window)
-    ]
-
-
-def _truth(entry: Entry, start: float, end: float) -> dict[str, Any]:
-    acting = [f for f in entry.faults if f.onset_s < end]
-    lead = acting[0] if acting else None
-    return {
-        "file": entry.file, "start_s": start, "end_s": end, "unit": entry.unit,
-        "fault": lead.fault if lead else HEALTHY, "faults": " ".join(f.fault for f in acting) or HEALTHY,
-        "family": lead.family if lead else HEALTHY, "severity": lead.severity if lead else 0.0,
-        "onset_s": lead.onset_s if lead else None, "structure": entry.structure,
-        "load": entry.scenario.load, "duty": entry.scenario.duty, "control": entry.scenario.control,
-    }  # fmt: skip
+    rows = []
+    for entry in data.logs_of(unit):
+        samples = data.samples(entry)
+        answer, row = log_features(samples, profile, learnt)
+        span = {"start_s": float(samples.time[0]), "end_s": float(samples.time[-1])}
+        conditions = {name: getattr(entry.scenario, name) for name in ("load", "duty", "control")}
+        rows.append({**entry.told, **span, **conditions, **_answer(answer), **row})
+    return rows
 
 
 def _answer(answer: Diagnosis) -> dict[str, Any]:
@@ -154,7 +134,7 @@ def read_features(path: str | Path) -> tuple[pd.DataFrame, dict[str, Any], dict[
 
     Returns
     -------
-    The table; what it says of itself (``fdd``, ``data``, ``data_sha256``, ``model_sha256``, ``window_s``);
+    The table; what it says of itself (``fdd``, ``data``, ``data_sha256``, ``model_sha256``);
     role of each column.
 
     Raises

@@ -22,16 +22,7 @@ from numpy.typing import NDArray
 from fdd import __version__
 from fdd.campaign.calibration import calibration_runs, ordinary_strokes
 from fdd.campaign.card import write_card, write_sums
-from fdd.campaign.drawing import (
-    Rig,
-    as_it_runs,
-    assign_faults,
-    condition_of,
-    draw_scenario,
-    draw_unit,
-    stream,
-)
-from fdd.campaign.layout import (
+from fdd.campaign.dataset import (
     BASE_UNIT,
     DATASET_SCHEMA,
     LABELS,
@@ -42,12 +33,21 @@ from fdd.campaign.layout import (
     TRUE_UNIT,
     digest,
 )
+from fdd.campaign.drawing import (
+    Rig,
+    as_it_runs,
+    assign_faults,
+    condition_of,
+    draw_scenario,
+    draw_unit,
+    stream,
+)
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.structures import Condition
 from fdd.campaign.visibility import is_visible, largest_rms, visibility
-from fdd.engines import Engine, WorkerLost, map_unordered
+from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
-from fdd.files import whole_file, write_text
+from fdd.files import whole_file, write_text, written
 from fdd.logs.mcap_runs import write_run
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import struck_channel
@@ -97,43 +97,29 @@ def generate(
 
     Raises
     ------
-    InputError : the folder holds something else, can't be written, or a scenario can't be simulated.
+    InputError : the folder holds something else, can't be written, or a scenario can't be simulated. Logs
+        that were finished are kept.
     """
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", mend="use 1 or more")
-    directory = Path(directory)
-    try:
-        return _generate(recipe, directory, workers, progress or (lambda done, total: None), engine)
-    except WorkerLost:
-        raise InputError(
-            "a worker process ended unexpectedly", where=directory,
-            mend="run the same command again with fewer workers; finished logs are kept",
-        ) from None  # fmt: skip
-    except OSError as error:
-        raise InputError(
-            f"can't write ({error.strerror or error})", where=error.filename or directory,
-            mend="make room or choose another folder; finished logs are kept",
-        ) from None  # fmt: skip
-
-
-def _generate(
-    recipe: Recipe, directory: Path, workers: int | None, progress: Progress, engine: Engine
-) -> Path:
-    names = _names(recipe)
-    total = recipe.units * len(names)
-    if _begin(recipe, directory):
-        _describe(directory)
-        progress(total, total)
-        return directory
-    faults = assign_faults(recipe)
-    jobs: list[Job] = []
-    for unit in range(recipe.units):
-        mine = tuple(faults[unit * recipe.logs_per_unit : (unit + 1) * recipe.logs_per_unit])
-        jobs += [(unit, name, mine) for name in names]
-    work = partial(make_run, recipe, directory)
-    for done, _ in enumerate(map_unordered(work, jobs, engine=engine, workers=workers), 1):
-        progress(done, total)
-    _finish(recipe, directory)
+    directory, progress = Path(directory), progress or (lambda done, total: None)
+    faults, count = assign_faults(recipe), recipe.logs_per_unit
+    jobs: list[Job] = [
+        (unit, name, tuple(faults[unit * count : (unit + 1) * count]))
+        for unit in range(recipe.units)
+        for name in _names(recipe)
+    ]
+    with written(directory):
+        if _begin(recipe, directory):
+            progress(len(jobs), len(jobs))
+        else:
+            work = partial(make_run, recipe, directory)
+            for done, _ in enumerate(map_unordered(work, jobs, engine=engine, workers=workers), 1):
+                progress(done, len(jobs))
+            _finish(recipe, directory)
+        if not (directory / SUMS).is_file():
+            write_sums(directory)
+        write_card(directory)
     return directory
 
 
@@ -170,11 +156,9 @@ def make_run(recipe: Recipe, directory: Path, job: Job) -> None:
         if recipe.twins:
             entry["twin"] = None
             if run.scenario.faults:
-                samples, unit, scenario = run.samples, run.unit, run.scenario
+                name, samples, unit, scenario = f"twin_{log:03d}", run.samples, run.unit, run.scenario
                 del run  # its truth is larger than its log: one run at a time is in memory
-                entry |= _twin(
-                    recipe, directory, rig, f"{rig.unit.name}/twin_{log:03d}", samples, unit, scenario
-                )
+                entry |= _twin(recipe, directory, rig, f"{rig.unit.name}/{name}", samples, unit, scenario)
     write_text(part, json.dumps(entry, indent=1))
 
 
@@ -193,12 +177,9 @@ def _baseline_run(recipe: Recipe, rig: Rig, index: int, number: int) -> Simulati
 
 
 def _sane_run(
-    recipe: Recipe,
-    rig: Rig,
-    purpose: tuple[str, int, int],
-    faults: tuple[str, ...],
+    recipe: Recipe, rig: Rig, purpose: tuple[str, int, int], faults: tuple[str, ...],
     condition: Condition | None = None,
-) -> Simulation:
+) -> Simulation:  # fmt: skip
     """Draw and simulate until the run neither rests at its limits nor relieves for long."""
     problem, unit = "", rig.unit
     for departure in (rig.structure, condition):
@@ -216,11 +197,9 @@ def _sane_run(
         problem = _trouble(run)
         if not problem:
             return run
-    raise InputError(
-        f"no sane scenario in {MOST_DRAWS} draws; the last: {problem}",
-        where=f"{rig.unit.name} {purpose[0]} {purpose[2]}",
-        mend="narrow the recipe's ranges of loads and duties",
-    )
+    problem = f"no sane scenario in {MOST_DRAWS} draws; the last: {problem}"
+    mend = "narrow the recipe's ranges of loads and duties"
+    raise InputError(problem, where=f"{rig.unit.name} {purpose[0]} {purpose[2]}", mend=mend)
 
 
 def _twin(
@@ -248,18 +227,18 @@ def _twin(
 
 def _trouble(run: Simulation) -> str:
     """What makes a run useless, or nothing."""
-    at_stop = float(np.mean(run.truth["stop_force"] != 0.0))
-    if at_stop > MOST_AT_STOP:
-        return f"at an end stop {at_stop:.0%} of the time"
-    limit = _GUARD * run.unit.cylinder.stroke
-    at_guard = float(np.mean(np.abs(run.truth["position"]) > limit))
-    if at_guard > MOST_AT_GUARD:
-        return f"at the travel limit {at_guard:.0%} of the time"
-    relieved = float(np.mean(np.abs(run.truth["relief_flow"]) > _RELIEVING))
+    truth, limit = run.truth, _GUARD * run.unit.cylinder.stroke
     # A valve whose setting has fallen passes oil because of its fault.
     fallen = any((f.fault, f.law) == ("relief_valve_stuck_open", "setting") for f in run.scenario.faults)
-    if relieved > MOST_RELIEVED and not fallen:
-        return f"over the relief valve {relieved:.0%} of the time"
+    relieved = 1.0 if fallen else MOST_RELIEVED
+    for where, there, most in (
+        ("at an end stop", truth["stop_force"] != 0.0, MOST_AT_STOP),
+        ("at the travel limit", np.abs(truth["position"]) > limit, MOST_AT_GUARD),
+        ("over the relief valve", np.abs(truth["relief_flow"]) > _RELIEVING, relieved),
+    ):
+        share = float(np.mean(there))
+        if share > most:
+            return f"{where} {share:.0%} of the time"
     return ""
 
 
@@ -280,23 +259,16 @@ def _label(recipe: Recipe, rig: Rig, run: Simulation, name: str, log: int | None
     return {
         "file": f"{unit}/{name}.{recipe.format}",
         "truth": None if log is None else f"{unit}/truth_{log:03d}.parquet",
-        "unit": unit,
-        "base": rig.base,
-        **structure,
-        "baseline": log is None,
-        "duration_s": round(run.samples.duration, 3),
-        "samples": len(run.samples),
+        "unit": unit, "base": rig.base, **structure, "baseline": log is None,
+        "duration_s": round(run.samples.duration, 3), "samples": len(run.samples),
         "faults": [{**label, **channels.get(str(label["fault"]), {})} for label in run.labels],
         "scenario": {
-            "load": scenario.load.name,
-            "duty": scenario.duty.name,
-            "control": scenario.control.mode,
+            "load": scenario.load.name, "duty": scenario.duty.name, "control": scenario.control.mode,
             "oil_temperature": round(scenario.oil_temperature, 2),
-            "charge_factor": round(scenario.charge_factor, 3),
-            "seed": scenario.seed,
+            "charge_factor": round(scenario.charge_factor, 3), "seed": scenario.seed,
         },
         "truth_medians": {c: float(f"{np.median(run.truth[c][acting]):.6g}") for c in SUMMARISED},
-    }
+    }  # fmt: skip
 
 
 def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: Rig, entry: dict[str, Any]) -> None:
@@ -305,14 +277,10 @@ def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: Rig, entry: dic
         return
     truth = {"time": run.truth.time, **run.truth.as_columns()}
     write_run(
-        path,
-        run.samples,
-        axis=rig.unit.axis,
+        path, run.samples, axis=rig.unit.axis, unit_yaml=rig.unit.to_yaml(),
         truth={k: v[:: _truth_period(run)] for k, v in truth.items()},
-        unit_yaml=rig.unit.to_yaml(),
-        scenario_json=run.scenario.model_dump_json(),
-        labels={"faults": entry["faults"]},
-    )
+        scenario_json=run.scenario.model_dump_json(), labels={"faults": entry["faults"]},
+    )  # fmt: skip
 
 
 def _truth_period(run: Simulation) -> int:
@@ -338,12 +306,9 @@ def _write_table(path: Path, columns: dict[str, NDArray[Any]]) -> None:
     split = [n for n in columns if n in UNROUNDED]
     with whole_file(path) as temporary:
         parquet.write_table(
-            table,
-            temporary,
-            compression="zstd",
-            use_dictionary=[n for n in columns if n not in split],
+            table, temporary, compression="zstd", use_dictionary=[n for n in columns if n not in split],
             column_encoding=dict.fromkeys(split, "BYTE_STREAM_SPLIT"),
-        )
+        )  # fmt: skip
 
 
 def _begin(recipe: Recipe, directory: Path) -> bool:
@@ -354,16 +319,13 @@ def _begin(recipe: Recipe, directory: Path) -> bool:
     kept = directory / RECIPE
     if kept.is_file():
         if kept.read_text(encoding="utf-8", errors="replace") != _signed(recipe):
-            raise InputError(
-                "holds data of another recipe or version", where=directory,
-                mend="choose an empty folder, or remove this one",
-            )  # fmt: skip
+            mend = "choose an empty folder, or remove this one"
+            raise InputError("holds data of another recipe or version", where=directory, mend=mend)
         if (directory / MANIFEST).is_file():
             return True
     elif any(not f.name.endswith(".part") for f in directory.iterdir()):
-        raise InputError(
-            "not empty, and not the beginning of a data set", where=directory, mend="choose an empty folder"
-        )
+        problem = "not empty, and not the beginning of a data set"
+        raise InputError(problem, where=directory, mend="choose an empty folder")
     else:
         write_text(kept, _signed(recipe))
     (directory / PARTS).mkdir(exist_ok=True)
@@ -387,23 +349,10 @@ def _finish(recipe: Recipe, directory: Path) -> None:
     labels = json.dumps(logs, indent=1) + "\n"
     write_text(directory / LABELS, labels)
     manifest = {
-        "schema": DATASET_SCHEMA,
-        "name": recipe.name,
-        "version": __version__,
-        "seed": recipe.seed,
-        "units": recipe.units,
-        "number": len(logs),
-        "hours": round(sum(e["duration_s"] for e in logs) / 3600.0, 3),
-        "baselines": baselines,
+        "schema": DATASET_SCHEMA, "name": recipe.name, "version": __version__, "seed": recipe.seed,
+        "units": recipe.units, "number": len(logs),
+        "hours": round(sum(e["duration_s"] for e in logs) / 3600.0, 3), "baselines": baselines,
         "sha256": digest(_signed(recipe), labels),
-    }
+    }  # fmt: skip
     write_text(directory / MANIFEST, json.dumps(manifest, indent=1) + "\n")
     shutil.rmtree(parts)
-    _describe(directory)
-
-
-def _describe(directory: Path) -> None:
-    """Hashes and card of a finished data set, where they are not there yet."""
-    if not (directory / SUMS).is_file():
-        write_sums(directory)
-    write_card(directory)

@@ -10,9 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fdd.campaign.dataset import Dataset
-from fdd.campaign.feature_table import HEALTHY, feature_table, read_features
-from fdd.campaign.splits import Split, split_of
+from fdd.campaign.dataset import Dataset, Split, split_of
+from fdd.campaign.feature_table import feature_table, read_features
 from fdd.campaign.units import How
 from fdd.errors import InputError
 from fdd.learning.features import FEATURES
@@ -35,15 +34,14 @@ class LabelledData:
     truth : a row for each log: ``file``, ``unit``, ``split``, ``fault``, ``faults``, ``family``,
         ``severity``, ``onset_s``, ``profile``, ``law``, conditions, and ``true_…``: medians of what really
         was (SI).
-    features : a row for each log or window (see `fdd.campaign.feature_table`); None where there are none.
-    names : of the features, in the order of X. window_s : of a row; None: a row is a log.
+    features : a row for each log (see `fdd.campaign.feature_table`); None where there are none.
+    names : of the features, in the order of X.
     """
 
     data: Dataset
     truth: pd.DataFrame
     features: pd.DataFrame | None
     names: tuple[str, ...]
-    window_s: float | None = None
 
     def arrays(
         self, split: Split | None = None, target: Target = "family"
@@ -74,10 +72,8 @@ class LabelledData:
     def _rows(self, split: Split | None) -> pd.DataFrame:
         if self.features is None:
             folder = self.data.directory
-            raise InputError(
-                "no features", where=folder,
-                mend=f"make them with: fdd features {folder} -o {folder / FEATURES_FILE}",
-            )  # fmt: skip
+            mend = f"make them with: fdd features {folder} -o {folder / FEATURES_FILE}"
+            raise InputError("no features", where=folder, mend=mend)
         return self.features if split is None else self.features[self.features["split"] == split]
 
     def samples(self, file: str) -> Samples:
@@ -105,10 +101,6 @@ def load_dataset(directory: str | Path, features: str | Path | None = None) -> L
     Raises
     ------
     InputError : not a data set, labels or recipe were changed, or features of other data.
-
-    Examples
-    --------
-    >>> X, y, groups = load_dataset("smoke").arrays("train")  # doctest: +SKIP
     """
     data = Dataset.load(directory)
     path = data.directory / FEATURES_FILE if features is None else Path(features)
@@ -117,12 +109,10 @@ def load_dataset(directory: str | Path, features: str | Path | None = None) -> L
         return LabelledData(data, truth, None, ())
     table, about, roles = read_features(path)
     if about["data_sha256"] != data.manifest.sha256:
-        raise InputError(
-            f"features of other data than {data.directory}", where=path,
-            mend=f"make them anew: fdd features {data.directory} -o {path}",
-        )  # fmt: skip
+        mend = f"make them anew: fdd features {data.directory} -o {path}"
+        raise InputError(f"features of other data than {data.directory}", where=path, mend=mend)
     names = tuple(name for name, role in roles.items() if role == "feature")
-    return LabelledData(data, truth, table, names, about["window_s"])
+    return LabelledData(data, truth, table, names)
 
 
 def with_features(directory: str | Path, **how: Unpack[How]) -> LabelledData:
@@ -136,7 +126,7 @@ def with_features(directory: str | Path, **how: Unpack[How]) -> LabelledData:
     if found.names == tuple(FEATURES):
         return found
     table = feature_table(directory, **how)
-    return replace(found, features=table.to_pandas(), names=tuple(FEATURES), window_s=None)
+    return replace(found, features=table.to_pandas(), names=tuple(FEATURES))
 
 
 def truth_table(data: Dataset) -> pd.DataFrame:
@@ -145,15 +135,11 @@ def truth_table(data: Dataset) -> pd.DataFrame:
     rows = []
     for e in data.logs:
         lead = e.faults[0] if e.faults else None
+        how = {name: getattr(lead, name, None) for name in ("profile", "law", "channel")}
+        same = {name: getattr(e, name) for name in ("duration_s", "samples", "base", "condition")}
         rows.append({
-            "file": e.file, "unit": e.unit, "split": split[e.unit],
-            "fault": lead.fault if lead else HEALTHY,
-            "faults": " ".join(f.fault for f in e.faults) or HEALTHY, "family": e.family,
-            "severity": lead.severity if lead else 0.0, "onset_s": lead.onset_s if lead else np.nan,
-            "profile": lead.profile if lead else None, "law": lead.law if lead else None,
-            "channel": lead.channel if lead else None,
-            "duration_s": e.duration_s, "samples": e.samples, "base": e.base, "structure": e.structure,
-            "condition": e.condition, **e.scenario.model_dump(),
+            **e.told, "onset_s": lead.onset_s if lead else np.nan, "split": split[e.unit], **how, **same,
+            **e.scenario.model_dump(),
             **{f"true_{name}": value for name, value in e.truth_medians.items()},
         })  # fmt: skip
     return pd.DataFrame(rows)

@@ -2,6 +2,13 @@
 
 Each quantity has a distribution, its width and where that comes from; what no source gives is an assumption
 with its reason. Beyond three standard deviations nothing is drawn.
+
+Between the runs of one actuator differ oil temperature (normal about the middle of the recipe's range, a
+quarter of its width: most runs are made warm) and charge (likewise, and `CHARGE`; then by the oil's
+expansion and the gas law); friction (thesis Table 5.1, 8.8 %: the plant draws it by the unit's
+`trial_spread`); sensors' zeros (`WARM_ZERO`); loads, duties and warming, uniform within the recipe's
+ranges, as what a user does with an actuator has no distribution. Within a run friction drifts (`WANDER`, an
+Ornstein-Uhlenbeck process over 20 s), a gust has its own noise, and the plant's heat balance warms the oil.
 """
 
 from __future__ import annotations
@@ -120,42 +127,11 @@ WANDER: Range = (0.01, 0.04)
 """Relative standard deviation of a run's friction about its mean, drawn for each run: assumption, a fraction
 of what Table 5.1 shows from trial to trial, as films build up and break within a run."""
 
-BETWEEN_RUNS = {
-    "oil_temperature": "normal about the middle of the recipe's range, a quarter of its width: assumption, "
-    "most runs are made warm and few at the edges",
-    "charge_factor": "at the oil's reference temperature as oil_temperature, and "
-    f"{CHARGE.width:.0%} ({CHARGE.source}); then by the oil's expansion and the gas law, `charge_factor`",
-    "friction": "normal, `trial_spread` of the unit: thesis Table 5.1, 8.8 % (axis A); the plant draws it",
-    "sensors' zeros": f"normal, {WARM_ZERO.width:g} of the recipe's zero_error: {WARM_ZERO.source}",
-    "loads, duties, warming": "uniform, or log-uniform over a factor of four and more, within the recipe's "
-    "ranges: assumption, what a user does with an actuator has no distribution",
-}
-"""What differs between the runs of one actuator."""
-
-WITHIN_RUNS = {
-    "friction": f"Ornstein-Uhlenbeck process over 20 s, a standard deviation of {WANDER[0]:.0%} to "
-    f"{WANDER[1]:.0%}: assumption, see `WANDER`",
-    "load": "a gust's own noise (0.3 to 6 Hz); other loads keep still: assumption",
-    "oil temperature": "heat of losses and the recipe's warming; the plant's heat balance",
-}
-"""What drifts while a log is taken."""
-
 
 def central(rng: Rng, bounds: Range) -> float:
     """One value of a range: normal about its middle, a quarter of its width, none outside."""
     middle, width = 0.5 * (bounds[0] + bounds[1]), bounds[1] - bounds[0]
     return float(np.clip(middle + 0.25 * width * rng.standard_normal(), *bounds))
-
-
-def factors(rng: Rng, section: str, names: tuple[str, ...]) -> list[float]:
-    """What a unit's numbers are over its base's, in the order of `names`."""
-    return [BETWEEN_UNITS[section][name].factor(rng) for name in names]
-
-
-def friction_factors(rng: Rng, names: tuple[str, ...], level: float) -> list[float]:
-    """The same of one direction's friction; `level` is common to both."""
-    common = {"coulomb": level, "static": level}
-    return [FRICTION[name].factor(rng) * common.get(name, 1.0) for name in names]
 
 
 def with_its_air(oil: Oil, sheet: Oil) -> Oil:

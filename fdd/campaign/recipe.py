@@ -8,8 +8,6 @@ unless `Recipe.ranges` overrides them.
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -50,10 +48,6 @@ LOAD_WEIGHTS = dict.fromkeys(("none", "constant", "spring", "inertia", "gust", "
 """A press and a hinge with play are drawn where a recipe names them."""
 DRAWN_DUTIES = tuple(name for name in DUTIES if name != "levels")
 """Duties that a campaign draws; levels are for what a user writes down."""
-
-
-def _is_default(default: str) -> Callable[[object], bool]:
-    return partial(operator.eq, default)
 
 
 def _is_none(value: object) -> bool:
@@ -154,14 +148,16 @@ class Recipe(Validated):
     bases: Annotated[tuple[str, ...], Field(min_length=1, max_length=64)] = ("axis_a", "axis_b")
     units: Annotated[int, Field(ge=1, le=10_000)] = 10
     logs_per_unit: Annotated[int, Field(ge=0, le=1_000)] = 5
-    population: Annotated[Literal["uniform", "stated"], Field(exclude_if=_is_default("uniform"))] = "uniform"
+    population: Annotated[Literal["uniform", "stated"], Field(exclude_if=lambda how: how == "uniform")] = (
+        "uniform"
+    )
     variation: Annotated[float, Field(ge=0.0, le=0.5)] = 0.15
     area_mismatch: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
     sensors: SensorVariation = SensorVariation()
     duration: Range = (40.0, 60.0)
     healthy_share: Share = 0.3
     faults: dict[str, FaultShare] = Field(default_factory=dict)
-    laws: Annotated[Literal["first", "all", "unseen"], Field(exclude_if=_is_default("first"))] = "first"
+    laws: Annotated[Literal["first", "all", "unseen"], Field(exclude_if=lambda how: how == "first")] = "first"
     severity: Range = (0.15, 1.0)
     fault_scales: dict[str, Range] = Field(default_factory=lambda: dict(FaultScales.usual))
     second_fault_share: Share = 0.0
@@ -217,10 +213,10 @@ class Recipe(Validated):
             if not sum(weights.values()) > 0.0:
                 raise InputError("all weights are 0", where=f"recipe {field}", mend="give one a weight")
         if self.healthy_share < 1.0 and not sum(f.weight for f in self.faults.values()) > 0.0:
-            raise InputError(
-                f"{1.0 - self.healthy_share:.0%} of the logs are to be faulty, but no fault has a weight",
-                where="recipe faults", mend="name faults, or set healthy_share to 1",
-            )  # fmt: skip
+            problem = (
+                f"{1.0 - self.healthy_share:.0%} of the logs are to be faulty, but no fault has a weight"
+            )
+            raise InputError(problem, where="recipe faults", mend="name faults, or set healthy_share to 1")
         if self.second_fault_share > 0.0 and sum(f.weight > 0.0 for f in self.faults.values()) < 2:
             raise InputError("second_fault_share needs two faults with a weight", where="recipe faults")
         for field, (low, high), least, most in (
@@ -235,11 +231,8 @@ class Recipe(Validated):
             ("sensors noise_factor", self.sensors.noise_factor, 0.01, 100.0),
         ):
             if low < least or high > most:
-                raise InputError(
-                    f"[{low:g}, {high:g}] leaves {least:g} to {most:g}",
-                    where=f"recipe {field}",
-                    mend="correct that range",
-                )
+                problem = f"[{low:g}, {high:g}] leaves {least:g} to {most:g}"
+                raise InputError(problem, where=f"recipe {field}", mend="correct that range")
         return self
 
     def laws_of(self, name: str) -> tuple[str, ...]:
@@ -291,13 +284,11 @@ class Recipe(Validated):
 
     def to_yaml(self) -> str:
         """The whole recipe, defaults filled in; `from_yaml` gives the same recipe back."""
-        plain = self.model_dump(mode="json", by_alias=True)
-        return yaml_of(plain)
+        return yaml_of(self.model_dump(mode="json", by_alias=True))
 
 
 def _known(field: str, given: dict[str, Any], known: tuple[str, ...]) -> None:
     for name in given:
         if name not in known:
-            raise InputError(
-                f"unknown {name!r}", where=f"recipe {field}", mend=f"use: {', '.join(known) or 'none'}"
-            )
+            mend = f"use: {', '.join(known) or 'none'}"
+            raise InputError(f"unknown {name!r}", where=f"recipe {field}", mend=mend)

@@ -178,11 +178,8 @@ def figures(outcomes: Sequence[Outcome]) -> str:
         f"calibration error of all leading statements: {calibration_error(outcomes):.3f}",
     ]
     if steps:
-        lines.insert(
-            5,
-            f"onset error of {len(steps)} steps: median {np.median(steps):.2f} s, "
-            f"90 % below {np.quantile(steps, 0.9):.1f} s",
-        )
+        middle, most = np.median(steps), np.quantile(steps, 0.9)
+        lines.insert(5, f"onset error of {len(steps)} steps: median {middle:.2f} s, 90 % below {most:.1f} s")
     for kind in sorted({f.fault for o in single for f in o.entry.faults}):
         if np.isfinite(at := visible_from(outcomes, kind)):
             lines.append(f"{kind.replace('_', ' ')}: 90 % are found from severity {at:.2f} on")

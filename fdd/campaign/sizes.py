@@ -83,43 +83,29 @@ def sized_unit(size: Size, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES)
     stroke = float(np.clip(velocity * uniform(rng, (1.5, 4.0)), 0.08, 0.8))
     swept = 0.5 * area_1 * stroke
     dead = swept * log_uniform(rng, (0.5, 6.0))
+    mass = STEEL * area_1 * stroke * log_uniform(rng, (0.7, 2.0))
     cylinder = _changed(
-        axis.cylinder,
-        area_1=area_1,
-        area_2=area_2,
-        stroke=stroke,
-        moving_mass=STEEL * area_1 * stroke * log_uniform(rng, (0.7, 2.0)),
-        volume_1=swept + dead,
-        volume_2=ratio * swept + dead,
-    )
+        axis.cylinder, area_1=area_1, area_2=area_2, stroke=stroke, moving_mass=mass,
+        volume_1=swept + dead, volume_2=ratio * swept + dead,
+    )  # fmt: skip
     leakage, drained = log_uniform(rng, (0.01, 0.05)) * flow / rated, uniform(rng, (0.1, 0.3))
-    pump = _changed(
-        axis.pump,
-        displacement=displacement,
-        cross_port_leakage=(1.0 - drained) * leakage,
-        case_leakage=2.0 * drained * leakage,
-    )
+    across, case = (1.0 - drained) * leakage, 2.0 * drained * leakage
+    pump = _changed(axis.pump, displacement=displacement, cross_port_leakage=across, case_leakage=case)
     charge = min(uniform(rng, (0.35e6, 1.0e6)), 0.2 * rated)
     # What the oil, its walls and hoses give without air; then the air at charge pressure.
     stiff, air = log_uniform(rng, (4e8, 1.4e9)), log_uniform(rng, (5e-4, 5e-3))
+    modulus = 1.0 / (1.0 / stiff + air * float(air_compliance(charge, axis.oil.polytropic_index)))
     thick, thin = _GRADES[int(rng.integers(len(_GRADES)))]
     oil = _changed(
-        axis.oil,
-        bulk_modulus=1.0 / (1.0 / stiff + air * float(air_compliance(charge, axis.oil.polytropic_index))),
-        air_fraction=air,
-        reference_pressure=charge,
-        viscosity_40=thick,
+        axis.oil, bulk_modulus=modulus, air_fraction=air, reference_pressure=charge, viscosity_40=thick,
         viscosity_100=thin,
-    )
+    )  # fmt: skip
     margin = log_uniform(rng, MARGIN)
     accumulator = _changed(
-        axis.accumulator,
-        charge_pressure=charge,
-        refeed_cracking_pressure=log_uniform(rng, (5e3, 50e3)),
-        refeed_flow_gain=flow / log_uniform(rng, (1e4, 4e4)),
-        relief_pressure=RELIEF * rated,
+        axis.accumulator, charge_pressure=charge, refeed_cracking_pressure=log_uniform(rng, (5e3, 50e3)),
+        refeed_flow_gain=flow / log_uniform(rng, (1e4, 4e4)), relief_pressure=RELIEF * rated,
         relief_flow_gain=flow / (0.1 * RELIEF * rated),
-    )
+    )  # fmt: skip
     break_away = log_uniform(rng, (0.005, 0.02)) * rated * 0.5 * (area_1 + area_2)
     shape, drag = uniform(rng, (0.35, 0.8)), uniform(rng, (0.0, 0.8))
     falling, exponent = log_uniform(rng, (0.03, 0.2)) * velocity, uniform(rng, (0.6, 2.0))
@@ -127,45 +113,29 @@ def sized_unit(size: Size, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES)
     for name in ("forward", "reverse"):
         static = break_away * uniform(rng, (0.85, 1.15))
         branches[name] = _changed(
-            getattr(axis.friction, name),
-            static=static,
-            coulomb=shape * static,
-            stribeck_velocity=falling,
-            stribeck_exponent=exponent,
-            viscous=drag * shape * static / velocity,
-        )
+            getattr(axis.friction, name), static=static, coulomb=shape * static, stribeck_velocity=falling,
+            stribeck_exponent=exponent, viscous=drag * shape * static / velocity,
+        )  # fmt: skip
     # Of a servomotor of that torque; the winding's voltages are the axis's.
-    stall = 1.6 * torque
-    motor, turns = stall / 8.0, axis.drive.max_speed / fastest
+    stall, base = 1.6 * torque, axis.drive
+    motor, turns = stall / 8.0, base.max_speed / fastest
     quick = uniform(rng, (0.5, 1.1))
     drive = _changed(
-        axis.drive,
-        max_speed=fastest,
-        pole_1=quick * axis.drive.pole_1,
-        pole_2=quick * axis.drive.pole_2,
-        zero=quick * axis.drive.zero,
-        torque_constant=turns * axis.drive.torque_constant,
-        back_emf_constant=turns * axis.drive.back_emf_constant,
-        winding_resistance=axis.drive.winding_resistance * turns * turns / motor,
-        winding_inductance=axis.drive.winding_inductance * turns * turns / motor,
-        inertia=axis.drive.inertia * motor * uniform(rng, (0.7, 1.4)),
-        viscous_friction=axis.drive.viscous_friction * motor,
-        current_limit=2.0 * stall / (turns * axis.drive.torque_constant),
-    )
-    unit = axis.model_copy(
-        update={
-            "name": "sized",
-            "axis": "axis",
-            "description": f"{rated / 1e6:.3g} MPa, {displacement * 1e6:.3g} cm³/rad, areas 1 : {ratio:.2f}.",
-            "cylinder": cylinder,
-            "pump": pump,
-            "oil": oil,
-            "accumulator": accumulator,
-            "friction": axis.friction.model_copy(update=branches),
-            "drive": drive,
-            "sensors": _sensors(axis, SENSED * RELIEF * rated, drive.current_limit),
-        }
-    )
+        base, max_speed=fastest,
+        **{name: quick * getattr(base, name) for name in ("pole_1", "pole_2", "zero")},
+        **{name: turns * getattr(base, name) for name in ("torque_constant", "back_emf_constant")},
+        winding_resistance=base.winding_resistance * turns * turns / motor,
+        winding_inductance=base.winding_inductance * turns * turns / motor,
+        inertia=base.inertia * motor * uniform(rng, (0.7, 1.4)),
+        viscous_friction=base.viscous_friction * motor,
+        current_limit=2.0 * stall / (turns * base.torque_constant),
+    )  # fmt: skip
+    described = f"{rated / 1e6:.3g} MPa, {displacement * 1e6:.3g} cm³/rad, areas 1 : {ratio:.2f}."
+    unit = axis.model_copy(update={
+        "name": "sized", "axis": "axis", "description": described, "cylinder": cylinder, "pump": pump,
+        "oil": oil, "accumulator": accumulator, "friction": axis.friction.model_copy(update=branches),
+        "drive": drive, "sensors": _sensors(axis, SENSED * RELIEF * rated, drive.current_limit),
+    })  # fmt: skip
     return with_accumulator(unit, oil_temperatures, margin)
 
 
@@ -178,15 +148,12 @@ def with_accumulator(unit: Unit, oil_temperatures: Range, margin: float = MARGIN
     """
     cylinder, store, oil = unit.cylinder, unit.accumulator, unit.oil
     coldest, hottest = (t - oil.reference_temperature for t in oil_temperatures)
+    volumes = cylinder.volume_1, cylinder.volume_2
+    shifted = (cylinder.area_1 - cylinder.area_2) * 0.5 * cylinder.stroke
     gas, held = accumulator_volumes(
-        cylinder.volume_1 + cylinder.volume_2,
-        max(cylinder.volume_1, cylinder.volume_2),
-        store.relief_pressure,
-        oil.bulk_modulus,
-        (cylinder.area_1 - cylinder.area_2) * 0.5 * cylinder.stroke,
-        max(-coldest, 0.0),
+        sum(volumes), max(volumes), store.relief_pressure, oil.bulk_modulus, shifted, max(-coldest, 0.0),
         max(hottest, 0.0),
-    )
+    )  # fmt: skip
     changed = _changed(store, gas_volume=margin * gas, oil_volume=margin * held)
     return unit.model_copy(update={"accumulator": changed})
 
@@ -276,24 +243,16 @@ class Scale:
         torque = self.torque
         bulk = (self.pressure * self.flow) ** 0.75  # what is larger is heavier, but less so than stronger
         factors = {
-            "bristle_stiffness": self.friction,
-            "bristle_fade": self.velocity,
-            "seal_damping": self.friction / self.velocity,
-            "smooth_width": self.velocity,
-            "pump_coulomb_torque": torque,
-            "line_loss": self.pressure / self.flow**2,
-            "coupling_stiffness": torque,
-            "coupling_damping": torque,
-            "relief_width": self.pressure,
-            "stop_stiffness": self.force,
-            "cushion_damping": self.force / self.velocity**2,
-            "cushion_length": self.stroke,
-            "heat_capacity": bulk,
-            "cooling": bulk,
+            "bristle_stiffness": self.friction, "bristle_fade": self.velocity,
+            "seal_damping": self.friction / self.velocity, "smooth_width": self.velocity,
+            "pump_coulomb_torque": torque, "line_loss": self.pressure / self.flow**2,
+            "coupling_stiffness": torque, "coupling_damping": torque, "relief_width": self.pressure,
+            "stop_stiffness": self.force, "cushion_damping": self.force / self.velocity**2,
+            "cushion_length": self.stroke, "heat_capacity": bulk, "cooling": bulk,
             "loose_seal_leakage": self.leakage,
             "check_hysteresis": self.cracking,  # of the same spring
             "gallery_volume": self.flow / self.turning,  # of the pump's case
-        }
+        }  # fmt: skip
         whole = {**_DETAILS, **drawn}
         return {n: v * factors[n] if n in factors else v for n, v in whole.items()}
 
@@ -343,18 +302,13 @@ class Scale:
 def _sizes(unit: Unit) -> tuple[float, ...]:
     cylinder, drive = unit.cylinder, unit.drive
     springs = cylinder.area_1**2 / cylinder.volume_1 + cylinder.area_2**2 / cylinder.volume_2
+    static = 0.5 * (unit.friction.forward.static + unit.friction.reverse.static)
+    store, flow = unit.accumulator, unit.pump.displacement * drive.max_speed
     return (
-        unit.accumulator.relief_pressure,
-        unit.pump.displacement * drive.max_speed,
-        min(cylinder.area_1, cylinder.area_2),
-        cylinder.stroke,
-        drive.max_speed,
-        0.5 * (unit.friction.forward.static + unit.friction.reverse.static),
-        unit.oil.bulk_modulus * springs,
-        drive.current_limit,
-        unit.accumulator.charge_pressure,
-        unit.accumulator.refeed_cracking_pressure,
-    )
+        store.relief_pressure, flow, min(cylinder.area_1, cylinder.area_2), cylinder.stroke, drive.max_speed,
+        static, unit.oil.bulk_modulus * springs, drive.current_limit, store.charge_pressure,
+        store.refeed_cracking_pressure,
+    )  # fmt: skip
 
 
 def _sensors(axis: Unit, full: float, current: float) -> dict[str, Sensor]:
@@ -365,14 +319,12 @@ def _sensors(axis: Unit, full: float, current: float) -> dict[str, Sensor]:
     wider = full / old.loop.high
     loop = CurrentLoop(low=0.0, high=full, resistance=old.loop.resistance, reversible=True)
     tones = [(hz, wider * amplitude) for hz, amplitude in old.tones]
-    sensors["pressure_difference"] = Sensor(
-        noise=wider * old.noise, bandwidth_hz=old.bandwidth_hz, tones=tones, loop=loop
-    )
+    noise, width = wider * old.noise, old.bandwidth_hz
+    sensors["pressure_difference"] = Sensor(noise=noise, bandwidth_hz=width, tones=tones, loop=loop)
     for channel in ("pressure_1", "pressure_2"):
         old = sensors[channel]
-        sensors[channel] = Sensor(
-            noise=wider * old.noise, resolution=wider * old.resolution, low=old.low, high=full
-        )
+        noise, step = wider * old.noise, wider * old.resolution
+        sensors[channel] = Sensor(noise=noise, resolution=step, low=old.low, high=full)
     old, larger = sensors["motor_current"], current / axis.drive.current_limit
     sensors["motor_current"] = Sensor(noise=larger * old.noise, resolution=larger * old.resolution)
     return sensors

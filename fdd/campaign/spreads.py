@@ -1,4 +1,4 @@
-"""What healthy units, and the healthy logs of one unit, differ by: a hierarchical model of many units' logs.
+"""What healthy units, and the healthy logs of one unit, differ by: ``fdd train --spreads``.
 
 The coefficients of a balance in log l of unit u are ``θ = μ_u + δ_l`` with ``μ_u ~ N(m, S)`` and
 ``δ_l ~ N(0, Q_l / w_l)``. ``Q_l = Σ q_k² c_lk`` goes by the log's conditions (`LogConditions`), and w_l,
@@ -12,13 +12,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.special import digamma
 
-from fdd.diagnosis.random_effects import log_effects, own_columns
-from fdd.residuals.effects import Effects, usual_conditions
+from fdd.campaign.dataset import Dataset
+from fdd.campaign.units import How, for_each_unit
+from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of, history_of
+from fdd.diagnosis.random_effects import log_effects, log_equations, own_columns
+from fdd.errors import InputError
+from fdd.identification import identify_unit
+from fdd.residuals.balance_history import BalanceHistory
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.effects import (
+    BalanceSpread,
+    CoefficientSpread,
+    Effects,
+    Spreads,
+    first_effects,
+    shipped_spreads,
+    usual_conditions,
+)
+from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
@@ -28,6 +47,8 @@ FREEDOMS = (1.0, 30.0)
 LEAST_SHARE = 0.02
 """Of what was assumed before, that a spread is never taken below: no population shows that units do not
 differ."""
+LEAST_UNITS = 20
+"""Units below which nothing is said of what units differ by."""
 
 
 @dataclass(frozen=True)
@@ -43,18 +64,6 @@ class UnitLogs:
     information: Array
     vector: Array
     conditions: Array
-
-
-@dataclass(frozen=True)
-class _Unit:
-    """Expectations of one unit: its mean (n,) and its variance; of each log the squares of its differences
-    times its weight (l, n), the share of each that it tells (l, n), and its weight (l,)."""
-
-    mean: Array
-    variance: Array
-    squares: Array
-    told: Array
-    weights: Array
 
 
 @dataclass(frozen=True)
@@ -117,21 +126,125 @@ def learnt_spread(
     )
 
 
+@dataclass(frozen=True)
+class _Unit:
+    """Expectations of one unit: its mean (n,) and its variance; of each log the squares of its differences
+    times its weight (l, n), the share of each that it tells (l, n), and its weight (l,)."""
+
+    mean: Array
+    variance: Array
+    squares: Array
+    told: Array
+    weights: Array
+
+
 def _unit(logs: UnitLogs, weights: Array, m: Array, units: Array, parts: Array, freedom: float) -> _Unit:
-    found = log_effects(logs.information, logs.vector, logs.conditions @ parts / weights[:, None], m, units)
-    distance = found.distance / weights
-    fresh = (freedom + found.told.sum(axis=1)) / (freedom + distance)
+    variances = logs.conditions @ parts / weights[:, None]
+    found = log_effects(logs.information, logs.vector, variances, m, units)
+    fresh = (freedom + found.told.sum(axis=1)) / (freedom + found.distance / weights)
     return _Unit(found.mean, found.variance, weights[:, None] * found.squares, found.told, fresh)
 
 
 def _freedom(weights: Array, told: Array, freedom: float) -> float:
-    """ν for which the weights are as likely as can be, by bisection of its logarithm."""
-    known = np.mean(
-        np.log(weights) - weights + digamma(0.5 * (freedom + told)) - np.log(0.5 * (freedom + told))
-    )
-    low, high = np.log(FREEDOMS)
-    for _ in range(40):
-        half = 0.5 * (low + high)
-        nu = 0.5 * np.exp(half)
-        low, high = (half, high) if np.log(nu) - digamma(nu) + 1.0 + known > 0.0 else (low, half)
-    return float(np.exp(0.5 * (low + high)))
+    """ν for which the weights are as likely as can be."""
+    half = 0.5 * (freedom + told)
+    known = np.mean(np.log(weights) - weights + digamma(half) - np.log(half))
+
+    def slope(nu: float) -> float:
+        return float(np.log(0.5 * nu) - digamma(0.5 * nu) + 1.0 + known)
+
+    low, high = FREEDOMS
+    return low if slope(low) <= 0.0 else high if slope(high) > 0.0 else float(brentq(slope, low, high))
+
+
+def learn_spreads(directories: Sequence[str], **how: Unpack[How]) -> Spreads:
+    """Learn from healthy logs and healthy twins of data sets with baselines.
+
+    Raises
+    ------
+    InputError : not a data set, without baselines, or too few units.
+    """
+    sets = [Dataset.load(d) for d in directories]
+    places = [f"{k}/{unit}" for k, data in enumerate(sets) for unit in data.units]
+    if len(places) < LEAST_UNITS:
+        raise InputError(
+            f"{len(places)} units: at least {LEAST_UNITS} are needed to learn what units differ by",
+            mend="leave --spreads out, or generate more units",
+        )
+    units = for_each_unit(partial(_equations, [str(data.directory) for data in sets]), places, **how)
+    before = shipped_spreads()
+    balances = dict(before.balances)
+    for name, old in before.balances.items():
+        logs = [unit[name] for unit in units if name in unit]
+        if len(logs) >= LEAST_UNITS:
+            found = learnt_spread(name, logs, first_effects(name, before))
+            balances[name] = _balance(name, found, old)
+    told = ", ".join(f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units)" for d in sets)
+    return Spreads(data=told, balances=balances)
+
+
+def _balance(name: str, spread: Spread, old: BalanceSpread) -> BalanceSpread:
+    """What was learnt, to four digits, over what the loads' coefficients have from before."""
+
+    def rounded(value: float) -> float:
+        return float(f"{value:.4g}")
+
+    coefficients = dict(old.coefficients)
+    own = [c for c, mine in zip(BALANCES[name].columns, own_columns(name), strict=True) if mine]
+    for k, c in enumerate(own):
+        coefficients[c] = CoefficientSpread(
+            mean=rounded(spread.mean[k]), units=rounded(spread.units[k]),
+            between=tuple(rounded(x) for x in spread.between[:, k]), logs=round(float(spread.logs[k]), 1),
+            within=old.coefficients[c].within, wander=old.coefficients[c].wander,
+        )  # fmt: skip
+    return BalanceSpread(noise=rounded(spread.noise), coefficients=coefficients)
+
+
+@dataclass(frozen=True)
+class HealthyLogs:
+    """A unit's profile, its baseline logs' balances, and its healthy logs' and twins' by file."""
+
+    unit: Unit
+    baseline: list[BalanceHistory]
+    healthy: list[tuple[str, BalanceHistory]]
+
+
+def healthy_logs(places: Sequence[str], place: str, spreads: Spreads | None = None) -> HealthyLogs:
+    """A unit of one of several data sets, identified from its own baseline.
+
+    Parameters
+    ----------
+    places : folders. place : ``k/unit``, of the k-th. spreads : of a model; None takes the shipped ones.
+    """
+    k, _, name = place.partition("/")
+    data = Dataset.load(places[int(k)])
+    runs = data.baseline(name)
+    unit = identify_unit(runs, data.base_unit(name), name).unit
+    baseline = histories_of(unit, runs)
+    unit.baseline = baseline_of(baseline, spreads=spreads)
+    effects = effects_of(unit, spreads)
+    logs = ((e.file, data.samples(e) if e.healthy else data.twin(e)) for e in data.logs_of(name))
+    return HealthyLogs(unit, baseline, [(f, history_of(log, unit, effects)) for f, log in logs if log])
+
+
+def _equations(places: list[str], place: str) -> list[dict[str, UnitLogs]]:
+    """What a unit's healthy logs tell of each balance."""
+    logs = healthy_logs(places, place)
+    out: dict[str, UnitLogs] = {}
+    for name in BALANCES:
+        known = None if logs.unit.baseline is None else logs.unit.baseline.balances.get(name)
+        told = []
+        for history in [*logs.baseline, *(x for _, x in logs.healthy)]:
+            conditions = history.conditions(name)
+            if conditions is None:
+                continue
+            m, v, rows, variance = history.sums()[name]
+            if known is not None and BALANCES[name].cumulative:
+                # As the baseline takes its logs: what a law errs by over a frame is its rows' noise.
+                share = np.minimum(variance / known.noise**2, 1.0)
+                m, v = m * share[:, None, None], v * share[:, None]
+            told.append(log_equations(name, (m, v, rows, variance), conditions, first_effects(name)))
+        if told:
+            information, vector, each = (np.array(x) for x in zip(*told, strict=True))
+            out[name] = UnitLogs(information, vector, each)
+    return [out]

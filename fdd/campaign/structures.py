@@ -108,10 +108,8 @@ class Structure(Departure):
             known = type(getattr(example, part)).model_fields if part in PARTS else {}
             for field in fields:
                 if field not in known:
-                    raise InputError(
-                        f"unknown {part} {field}", where=f"{where} profile",
-                        mend=f"use fields of: {', '.join(PARTS)}",
-                    )  # fmt: skip
+                    mend = f"use fields of: {', '.join(PARTS)}"
+                    raise InputError(f"unknown {part} {field}", where=f"{where} profile", mend=mend)
             for end in (0, 1) if fields else ():
                 section = getattr(example, part)
                 values = {n: bounds[end] for n, bounds in fields.items()}
@@ -122,20 +120,19 @@ class Structure(Departure):
         for channel, fields in self.sensors.items():
             for field in fields:
                 if field not in ("noise", "resolution", "bandwidth_hz"):
+                    mend = "use noise, resolution or bandwidth_hz"
                     raise InputError(
-                        f"{channel} {field} cannot be drawn", where=f"{where} sensors",
-                        mend="use noise, resolution or bandwidth_hz",
-                    )  # fmt: skip
+                        f"{channel} {field} cannot be drawn", where=f"{where} sensors", mend=mend
+                    )
         for end in (0, 1):
             Details(**{n: v if isinstance(v, str) else v[end] for n, v in self.details.items()})
         self.recording(Recording())
         pilot = self.details.get("pilot_ratio", (0.0, 0.0))
         piloted = not isinstance(pilot, str) and pilot[0] > 0.0
         if self.size is not None and self.size.area_ratio[0] < EQUAL and not piloted:
-            raise InputError(
-                f"an area ratio of {self.size.area_ratio[0]:g} without piloted valves", where=where,
-                mend="give details a pilot_ratio, or the oil of the larger chamber has nowhere to go",
-            )  # fmt: skip
+            problem = f"an area ratio of {self.size.area_ratio[0]:g} without piloted valves"
+            mend = "give details a pilot_ratio, or the oil of the larger chamber has nowhere to go"
+            raise InputError(problem, where=where, mend=mend)
         return self
 
     def recording(self, recording: Recording) -> Recording:

@@ -93,10 +93,8 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     healthy = [x for x in logs if x.family == "healthy"]
     faulty = np.array([root(x.score) for x in logs if x.family != "healthy"])
     if min(len(healthy), faulty.size) < LEAST_LOGS:
-        raise InputError(
-            f"{len(healthy)} healthy and {faulty.size} faulty logs",
-            mend=f"at least {LEAST_LOGS} of each are needed",
-        )
+        problem = f"{len(healthy)} healthy and {faulty.size} faulty logs"
+        raise InputError(problem, mend=f"at least {LEAST_LOGS} of each are needed")
     # Alarms an hour are those of hours: each short log begins anew, as one hour in many does.
     lasting, brief = ([x for x in healthy if (x.healthy_s >= LASTING_S) == long] for long in (True, False))
     lasting, brief = (x if len(x) >= LEAST_LOGS else healthy for x in (lasting, brief))
@@ -157,9 +155,8 @@ def identified_unit(data: Dataset, unit: str, spreads: Spreads | None = None) ->
     """The unit's profile from its baseline runs and the profile that it was varied from."""
     runs = data.baseline(unit)
     if not runs:
-        raise InputError(
-            "data set without baseline runs", where=data.directory, mend="set baseline: true in the recipe"
-        )
+        mend = "set baseline: true in the recipe"
+        raise InputError("data set without baseline runs", where=data.directory, mend=mend)
     return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs, spreads)
 
 

@@ -132,6 +132,10 @@ def summary(outcomes: list[Outcome], model: Model | None = None) -> str:
     return figures(outcomes) + "\n".join([*lines, *table(head, rows), *more])
 
 
+def _share(outcomes: list[Outcome], what: str) -> str:
+    return wilson(sum(bool(getattr(o, what)) for o in outcomes), len(outcomes))
+
+
 def by_visibility(outcomes: list[Outcome]) -> list[str]:
     """What is found and named, by what the faults do to their logs; [] without twins (Markdown)."""
     seen: dict[tuple[str, str], list[Outcome]] = {}
@@ -142,8 +146,7 @@ def by_visibility(outcomes: list[Outcome]) -> list[str]:
                 seen.setdefault((name, visibility_class(o.entry.visibility)), []).append(o)
     kinds = sorted({name for name, _ in seen} - {"all", SEVERAL})
     rows = [
-        [name, each, wilson(sum(bool(o.timely) for o in mine), len(mine)),
-         wilson(sum(o.named for o in mine), len(mine))]
+        [name, each, _share(mine, "timely"), _share(mine, "named")]
         for name in ("all", *kinds, SEVERAL) for each in (*CLASSES, ROWS_LOST)
         if (mine := seen.get((name, each)))
     ]  # fmt: skip
@@ -163,9 +166,7 @@ def by_law(outcomes: list[Outcome], model: Model) -> list[str]:
             seen.setdefault((true.id, law, group), []).append(o)
     rows = [
         [key[0].replace("_", " "), *(key[1:] or ("", "")),
-         wilson(sum(bool(o.timely) for o in mine), len(mine)),
-         wilson(sum(o.led for o in mine), len(mine)),
-         wilson(sum(o.named for o in mine), len(mine))]
+         *(_share(mine, what) for what in ("timely", "led", "named"))]
         for key, mine in (*list(seen.items())[:3], *sorted(list(seen.items())[3:])) if mine
     ]  # fmt: skip
     head = ["true fault", "law", "training", "found", "named by the leading answer", "or in its group"]

@@ -17,8 +17,7 @@ def main() -> None:
 
     prepare_process()
     # Typer works out the options of all commands at each start; a command that is named needs its own alone.
-    commands = app.registered_commands
-    named = [c for c in commands if sys.argv[1:2] == [c.name or getattr(c.callback, "__name__", "")]]
+    named = [command for command in app.registered_commands if sys.argv[1:2] == [command.name]]
     if named:
         app = copy(app)
         app.registered_commands, app.registered_groups = named, []

@@ -42,14 +42,16 @@ def fdd(
         raise typer.Exit(USAGE)
 
 
-PANELS = {
-    "Use": ("diagnose", "monitor", "serve", "compare", "trend", "demo"),
-    "Rigs": ("inspect", "map", "identify", "experiment", "publish"),
-    "Research": ("simulate", "generate", "features", "train", "validate", "schema"),
-}
-"""Each command is the function of its name in the module of that name."""
-for panel, names in PANELS.items():
-    for name in names:
-        command = getattr(import_module(f"fdd.cli.{name}"), name)
-        app.command(name, rich_help_panel=panel)(command)
+COMMANDS = {
+    "Use": {"diagnose": "diagnose", "monitor": "monitor", "serve": "serve", "compare": "history",
+            "trend": "history", "demo": "demo"},
+    "Rigs": {"inspect": "inspect", "map": "map", "identify": "identify", "experiment": "experiment",
+             "publish": "serve"},
+    "Research": {"simulate": "simulate", "generate": "campaign", "features": "campaign", "train": "campaign",
+                 "validate": "campaign", "schema": "schema"},
+}  # fmt: skip
+"""Panel of the help to its commands, each the function of its name in that module."""
+for panel, commands in COMMANDS.items():
+    for name, module in commands.items():
+        app.command(name, rich_help_panel=panel)(getattr(import_module(f"fdd.cli.{module}"), name))
 app.add_typer(profile.app, name="profile", rich_help_panel="Rigs")

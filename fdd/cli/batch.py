@@ -1,4 +1,4 @@
-"""Many logs at once: in parallel, none of them able to end the others, each worked once."""
+"""Many logs at once: in parallel, none of them able to end the others, their answers in one folder."""
 
 from __future__ import annotations
 
@@ -7,16 +7,101 @@ import signal
 import traceback
 from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from fdd.bounds import MAX_ANSWERS_BYTES
 from fdd.cli.failures import INTERRUPTED, prepare_process
 from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
+from fdd.files import require_writable, write_text, written
 from fdd.offline.diagnoser import Diagnoser, Job, Settings, printable
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
+
+ANSWERS, SUMMARY, INDEX, REPORTS = "answers.jsonl", "summary.csv", "index.html", "reports"
+
+
+class AnswersFolder:
+    """Answers, table and pages of many logs in one folder, which `begin` makes."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        require_writable(path, folder=True)
+        with written(path):
+            if path.is_dir() and any(path.iterdir()) and not (path / ANSWERS).is_file():
+                problem = "not empty, and not an earlier answer of fdd diagnose"
+                raise InputError(problem, where=path, mend="name another folder")
+
+    def page(self, name: str) -> Path:
+        """Where the report of the log with this file name goes."""
+        return self.path / REPORTS / f"{name}.html"
+
+    def begin(self) -> None:
+        """Make the folder, with what its pages share."""
+        from fdd.report.plotly import write_bundle
+
+        with written(self.path):
+            (self.path / REPORTS).mkdir(parents=True, exist_ok=True)
+        write_bundle(self.path / REPORTS)
+
+    def earlier(self, jobs: Sequence[Job], diagnoser: Diagnoser) -> dict[int, Diagnosis]:
+        """Answers of an earlier run that would come out again, by the number of the job.
+
+        Those of the same name, hashes (log, map, profile, model) and versions whose outputs are there.
+        """
+        from pydantic import ValidationError
+
+        from fdd.diagnosis.findings import Diagnosis
+
+        path, axis = self.path / ANSWERS, diagnoser.settings.axis
+        if not path.is_file() or path.stat().st_size > MAX_ANSWERS_BYTES:
+            return {}
+        known: dict[str, Diagnosis] = {}
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+            try:
+                answer = Diagnosis.model_validate_json(line)
+            except ValidationError:  # of another version
+                continue
+            versions = {k: v for k, v in answer.versions.items() if k != "model"}
+            if versions == diagnoser.versions and (axis is None or answer.axis in (axis, "")):
+                known[answer.log] = answer
+        found = {}
+        for number, job in enumerate(jobs):
+            pages = [p for p in (job.report, job.page, job.mcap) if p is not None]
+            before = known.get(printable(job.name))
+            if before is None or not (before.error or all(p.is_file() for p in pages)):
+                continue
+            try:
+                if diagnoser.hashes(job.path) == before.sha256:
+                    found[number] = before
+            except InputError:
+                continue
+        return found
+
+    def write(self, jobs: Sequence[Job], answers: dict[int, Diagnosis], *, pages: bool = True) -> None:
+        """Write what is known so far, in the order of the jobs.
+
+        Parameters
+        ----------
+        answers : by the number of the job.
+        pages : with table and index; else only what ``--resume`` goes on from.
+        """
+        from fdd.report.overview import Row, render_index, summary_csv
+
+        ordered = [(jobs[k], answers[k]) for k in sorted(answers)]
+        lines = [f"{answer.model_dump_json(by_alias=True)}\n" for _, answer in ordered]
+        write_text(self.path / ANSWERS, "".join(lines))
+        if not pages:
+            return
+        rows = [
+            Row(answer, "" if answer.error or job.page is None else f"{REPORTS}/{job.page.name}")
+            for job, answer in ordered
+        ]
+        write_text(self.path / SUMMARY, summary_csv(rows))
+        write_text(self.path / INDEX, render_index(rows, missing=len(jobs) - len(rows)))
 
 
 def worked(
@@ -35,16 +120,42 @@ def worked(
     The number, and the answer: that of a log that could not be read has an `error`.
     """
     _diagnoser.cache_clear()  # its files may have changed since the last call in this process
-    work = partial(_work, settings)
     plain = [job for _, job in jobs]
+    work = partial(_work, settings)
     for k, answer in map_unordered(work, plain, engine=engine, workers=workers, begin=_begin):
         yield jobs[k][0], answer
 
 
-def answer_of(diagnoser: Diagnoser, job: Job) -> Diagnosis:
+class _Worker:
+    """What a process of the pool knows."""
+
+    stopped = False
+
+
+def _begin() -> None:
+    prepare_process()
+    signal.signal(signal.SIGINT, _stop)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    # Raised as an exit, so that temporary files are cleared away and nothing is printed.
+    _Worker.stopped = True
+    raise SystemExit(INTERRUPTED)
+
+
+@lru_cache(maxsize=1)
+def _diagnoser(settings: Settings) -> Diagnoser:
+    """What the logs that a process works share."""
+    return Diagnoser(settings)
+
+
+def _work(settings: Settings, job: Job) -> Diagnosis:
     """The job's answer, its outputs written; whatever is wrong with the log is in the answer."""
     from fdd.diagnosis.findings import Diagnosis
 
+    if _Worker.stopped:  # what the pool had already handed out
+        raise SystemExit(INTERRUPTED)
+    diagnoser = _diagnoser(settings)
     try:
         found = diagnoser.diagnose(job, diagnoser.read(job), keep_trajectories=job.shows_trajectories)
         diagnoser.write(job, found)
@@ -62,32 +173,3 @@ def answer_of(diagnoser: Diagnoser, job: Job) -> Diagnosis:
     except InputError:
         hashes = {}
     return Diagnosis.unreadable(printable(job.name), printable(" ".join(line.split())), hashes)
-
-
-class _Worker:
-    """What a process of the pool knows."""
-
-    stopped = False
-
-
-def _begin() -> None:
-    prepare_process()
-    signal.signal(signal.SIGINT, _stop)
-
-
-@lru_cache(maxsize=1)
-def _diagnoser(settings: Settings) -> Diagnoser:
-    """What the logs that a process works share."""
-    return Diagnoser(settings)
-
-
-def _work(settings: Settings, job: Job) -> Diagnosis:
-    if _Worker.stopped:  # what the pool had already handed out
-        raise SystemExit(INTERRUPTED)
-    return answer_of(_diagnoser(settings), job)
-
-
-def _stop(number: int, frame: FrameType | None) -> None:
-    # Raised as an exit, so that temporary files are cleared away and nothing is printed.
-    _Worker.stopped = True
-    raise SystemExit(INTERRUPTED)

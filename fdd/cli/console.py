@@ -112,3 +112,9 @@ def grid(
     for row in rows:
         table.add_row(*map(Text, row))
     return table
+
+
+def print_whole(console: Console, table: Table) -> None:
+    """Print a table whose words are never cut: a terminal that is too narrow breaks its lines itself."""
+    least = console.measure(table, options=console.options.update(max_width=1000)).minimum
+    console.print(table, width=max(least, console.width), crop=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,12 +16,9 @@ from fdd.cli.options import argument, option, require_outputs, write_json
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from fdd.cli.answers import AnswersFolder
+    from fdd.cli.batch import AnswersFolder
     from fdd.diagnosis.findings import Diagnosis
-    from fdd.engines import Engine
-    from fdd.offline.diagnoser import Diagnoser, Job, Settings
+    from fdd.offline.diagnoser import Diagnoser, Job
     from fdd.unit import Unit
 
 FAULT_STATUS, UNREADABLE_STATUS, INCONCLUSIVE_STATUS = 1, 2, 3
@@ -77,30 +74,36 @@ def diagnose(
     ] = False,
 ) -> None:  # fmt: skip
     """Diagnose logs: is there a fault, since when, which one, and how severe."""
-    from fdd.cli.answers import AnswersFolder
+    from fdd.cli.batch import AnswersFolder, worked
+    from fdd.cli.console import progress
     from fdd.cli.which_logs import find_logs
     from fdd.offline.diagnoser import Diagnoser, Settings
 
     if resume and output_ is None:
         raise InputError("--resume needs --output", mend="name the folder of the earlier run")
     folder = None if output_ is None else AnswersFolder(output_)
-    paths = find_logs(logs, leave_out=output_)
-    jobs = _jobs(paths, output_paths(report, paths, ".html", "--report"),
-                 output_paths(mcap, paths, ".mcap", "--mcap"), folder)  # fmt: skip
-    _require_outputs(json_, jobs)
+    jobs = _jobs(find_logs(logs, leave_out=output_), report, mcap, folder)
+    written = [p for job in jobs for p in (job.report, job.mcap)]
+    require_outputs(json_, *written, inputs=(job.path for job in jobs))
     trackers = tuple(dict.fromkeys(tracker or ()))
     settings = Settings(unit, map_, model, axis, trackers, classifier, prior)
     diagnoser = Diagnoser(settings)
     answers = folder.earlier(jobs, diagnoser) if folder and resume else {}
     profile = diagnoser.unit
     try:
-        if len(jobs) == 1:
-            if not answers:
-                answers[0], profile = _alone(jobs[0], diagnoser, folder)
-        else:
+        if len(jobs) == 1 and not answers:
+            answers[0], profile = _alone(jobs[0], diagnoser, folder)
+        elif len(jobs) > 1:
             if folder:
                 folder.begin()
-            _together(jobs, settings, workers, engine, answers, folder)
+            todo, saved = [(k, job) for k, job in enumerate(jobs) if k not in answers], time.monotonic()
+            with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
+                for k, answer in worked(todo, settings, workers, engine):
+                    answers[k] = answer
+                    advance(len(answers))
+                    if folder and time.monotonic() - saved > SAVE_EVERY_S:
+                        folder.write(jobs, answers, pages=False)
+                        saved = time.monotonic()
     finally:
         if answers:
             if folder:
@@ -115,47 +118,26 @@ def diagnose(
         raise typer.Exit(status)
 
 
-def output_paths(pattern: str | None, logs: list[Path], suffix: str, option: str) -> list[Path]:
-    """One output for each log: a folder, a name with ``{log}``, or, for one log, a name.
-
-    Raises
-    ------
-    InputError : one name for several logs, or two logs of the same name.
-
-    Examples
-    --------
-    >>> [p.as_posix() for p in output_paths("out/{log}.html", [Path("a.mcap"), Path("b.csv")], ".html", "")]
-    ['out/a.html', 'out/b.html']
-    """
+def output_paths(pattern: str | None, logs: Sequence[Path], suffix: str, option: str) -> list[Path | None]:
+    """One output for each log: a folder, a name with ``{log}``, or, for one log, a name; None without one."""
     if pattern is None:
-        return []
-    if "{log}" in pattern:
-        paths = [Path(pattern.replace("{log}", log.stem)) for log in logs]
-    elif Path(pattern).is_dir() or pattern.endswith("/"):
-        paths = [Path(pattern) / f"{log.stem}{suffix}" for log in logs]
-    elif len(logs) > 1:
+        return [None] * len(logs)
+    if Path(pattern).is_dir() or pattern.endswith("/"):
+        pattern = str(Path(pattern) / f"{{log}}{suffix}")
+    elif "{log}" not in pattern and len(logs) > 1:
         raise InputError(
             f"{option} {pattern}: one file for {len(logs)} logs",
             mend=f"name a folder, or write {{log}} for the log's name: {option} '{{log}}{suffix}'",
         )
-    else:
-        paths = [Path(pattern)]
+    paths = [Path(pattern.replace("{log}", log.stem)) for log in logs]
     if len(set(paths)) < len(paths):
-        raise InputError(
-            f"{option} {pattern}: two logs would be written to one file", mend="diagnose them apart"
-        )
-    return paths
+        problem = f"{option} {pattern}: two logs would be written to one file"
+        raise InputError(problem, mend="diagnose them apart")
+    return list(paths)
 
 
 def status_of(answers: Sequence[Diagnosis]) -> int:
-    """Exit status that tells the worst of the answers.
-
-    Examples
-    --------
-    >>> from fdd.diagnosis.findings import Diagnosis
-    >>> status_of([Diagnosis.unreadable("a.csv", "the file is empty", {})])
-    2
-    """
+    """Exit status that tells the worst of the answers."""
     if any(a.verdict == "faulty" for a in answers):
         return FAULT_STATUS
     if any(a.error for a in answers):
@@ -164,30 +146,17 @@ def status_of(answers: Sequence[Diagnosis]) -> int:
 
 
 def _jobs(
-    logs: list[Path], reports: list[Path], mcaps: list[Path], folder: AnswersFolder | None
+    logs: Sequence[Path], report: str | None, mcap: str | None, folder: AnswersFolder | None
 ) -> list[Job]:
-    from fdd.cli.which_logs import file_names, jobs_of
+    """A job for each log, with what is written of it."""
+    from fdd.cli.which_logs import file_names, names_of
+    from fdd.offline.diagnoser import Job
 
-    jobs = jobs_of(logs)
-    for k, name in enumerate(file_names([job.name for job in jobs])):
-        jobs[k] = replace(
-            jobs[k],
-            report=reports[k] if reports else None,
-            mcap=mcaps[k] if mcaps else None,
-            page=folder.page(name) if folder else None,
-        )
-    return jobs
-
-
-def _require_outputs(json_: str | None, jobs: list[Job]) -> None:
-    wanted = [p for job in jobs for p in (job.report, job.mcap) if p is not None]
-    require_outputs(json_, *wanted)
-    inputs = {job.path.resolve() for job in jobs}
-    for path in [*wanted, *([Path(json_)] if json_ not in (None, "-") else [])]:
-        if path.resolve() in inputs:
-            raise InputError(
-                "would be written over, it is a log to diagnose", where=path, mend="name another"
-            )
+    reports = output_paths(report, logs, ".html", "--report")
+    mcaps = output_paths(mcap, logs, ".mcap", "--mcap")
+    names = names_of(logs)
+    pages = [folder.page(name) if folder else None for name in file_names(names)]
+    return [Job(*each) for each in zip(logs, names, reports, pages, mcaps, strict=True)]
 
 
 def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> tuple[Diagnosis, Unit]:
@@ -204,38 +173,10 @@ def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> tupl
     return found.diagnosis, found.unit
 
 
-def _together(
-    jobs: list[Job],
-    settings: Settings,
-    workers: int | None,
-    engine: Engine,
-    answers: dict[int, Diagnosis],
-    folder: AnswersFolder | None,
-) -> None:
-    """Fill in the answers that are missing, and keep them as they come."""
-    from fdd.cli.batch import worked
-    from fdd.cli.console import progress
-
-    todo = [(k, job) for k, job in enumerate(jobs) if k not in answers]
-    saved = time.monotonic()
-    with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
-        advance(len(answers))
-        for k, answer in worked(todo, settings, workers, engine):
-            answers[k] = answer
-            advance(len(answers))
-            if folder and time.monotonic() - saved > SAVE_EVERY_S:
-                folder.write(jobs, answers, pages=False)
-                saved = time.monotonic()
-
-
 def _tell(
-    jobs: list[Job],
-    answers: dict[int, Diagnosis],
-    unit: Unit | None,
-    folder: AnswersFolder | None,
-    *,
+    jobs: Sequence[Job], answers: dict[int, Diagnosis], unit: Unit | None, folder: AnswersFolder | None, *,
     quiet: bool,
-) -> None:
+) -> None:  # fmt: skip
     """Answers for people, in the order of the logs; what could not be read goes to standard error."""
     from fdd.cli.console import output
     from fdd.cli.tables import diagnosis_view

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fdd.cli.options import AxisOption, MapOption, argument, option, require_outputs, write_json
+from fdd.cli.options import (
+    AxisOption,
+    JsonOption,
+    MapOption,
+    argument,
+    option,
+    require_outputs,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from fdd.identification.experiments.outcome import Outcome
@@ -28,10 +36,7 @@ def experiment(
     map_: MapOption = None,
     axis: AxisOption = None,
     html: Annotated[Path | None, option("Write a page with plots.")] = None,
-    json_: Annotated[
-        str | None,
-        option("Write figures and curves as JSON; - is standard output.", "--json", metavar="FILE|-"),
-    ] = None,
+    json_: JsonOption = None,
     given: Annotated[
         Literal["pump_speed", "command"], typer.Option("--input", help="Of the frequency response.")
     ] = "pump_speed",
@@ -53,15 +58,15 @@ def experiment(
     import json
 
     from fdd.cli.console import progress
-    from fdd.cli.which_logs import read_logs
     from fdd.files import write_text
-    from fdd.logs import ChannelMap
+    from fdd.logs import ChannelMap, read_log
     from fdd.unit import Unit
 
     require_outputs(json_, html)
     profile = Unit.load(unit)
-    read = read_logs(logs, None if map_ is None else ChannelMap.load(map_), axis)
-    with progress(f"{kind} of {len(read)} logs"):
+    channel_map = None if map_ is None else ChannelMap.load(map_)
+    with progress(f"{kind} of {len(logs)} logs"):
+        read = [read_log(path, channel_map, axis) for path in logs]
         found = _run(kind, read, logs, profile, given=given, caused=caused, order=order, window_s=window)
     names = [path.name for path in logs]
     if html is not None:
@@ -100,26 +105,11 @@ def _run(kind: Experiment, logs: list[Log], paths: list[Path], unit: Unit, **of_
     return others[kind](records, unit)
 
 
-def _numbers_column(head: str, cells: tuple[str, ...]) -> tuple[str, tuple[str, ...]] | None:
-    """A column of numbers, the unit that they share in its narrow head; None for any other column."""
-    import re
-    import textwrap
-
-    known = [re.fullmatch(r"(\S*\d(?: … \S*\d)?)(?: ([^\d\s]\S*))?", c) for c in cells if c != "–"]
-    units = {"\0" if m is None else m[2] for m in known}
-    if len(units) != 1 or "\0" in units:
-        return None
-    unit = units.pop() or ""
-    bare = tuple(c.removesuffix(f" {unit}") for c in cells)
-    width = max(9, *map(len, [*bare, *head.split(), f"({unit})"]))
-    return "\n".join([*textwrap.wrap(head, width), *([f"({unit})"] if unit else [])]), bare
-
-
 def _print(found: Outcome) -> None:
     """Figures, then what the log does not tell, then the table and the notes."""
     from rich.text import Text
 
-    from fdd.cli.console import NARROW, grid, output
+    from fdd.cli.console import NARROW, grid, output, print_whole
 
     console = output()
     console.print(Text(found.title, style="bold"))
@@ -130,11 +120,6 @@ def _print(found: Outcome) -> None:
     for sentence in found.not_told:
         console.print(Text(f"• Not told: {sentence}", style="yellow"), soft_wrap=True)
     if found.rows:
-        columns = list(zip(found.heads, zip(*found.rows, strict=True), strict=True))
-        narrow = [_numbers_column(*column) for column in columns]
-        whole = [column[0] for column in narrow if column]
-        shown = [n or c for n, c in zip(narrow, columns, strict=True)]
-        cells = zip(*(column for _, column in shown), strict=True)
-        console.print(grid([h for h, _ in shown], cells, whole=whole, collapse_padding=True, **NARROW))
+        print_whole(console, grid(found.heads, found.rows, collapse_padding=True, **NARROW))
     for note in found.notes:
         console.print(Text(f"• {note}"), soft_wrap=True)

@@ -1,22 +1,38 @@
-"""``fdd monitor``: a stream or a replayed log, diagnosed as it comes."""
+"""``fdd monitor``: a stream or a replayed log, diagnosed as it comes.
+
+With ``--json`` each line carries ``event``: ``finding`` (with ``time_s`` and the finding's fields as in the
+answer), ``note`` (``time_s``, ``text``) and, last of all, ``summary`` (``diagnosis``: the answer).
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from fdd.cli.failures import stopped_by_signals
-from fdd.cli.options import AxisOption, MapOption, ModelOption, UnitOption, argument, option
+from fdd.cli.options import AxisOption, MapOption, ModelOption, SpeedOption, UnitOption, argument, option
 from fdd.errors import InputError
 
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from fdd.logs import Log
+    from fdd.monitor import Event, Status
+
 STATUS_S = 0.5
+SHORT = {
+    "leakage": "leakage", "bulk_modulus": "bulk modulus", "coulomb_friction": "Coulomb",
+    "viscous_friction": "viscous",
+}  # fmt: skip
 
 
 def monitor(
@@ -25,7 +41,7 @@ def monitor(
     map_: MapOption = None,
     model: ModelOption = None,
     axis: AxisOption = None,
-    speed: Annotated[str, typer.Option(help="Replay at so many times real time, or max.")] = "1",
+    speed: SpeedOption = "1",
     json_: Annotated[bool, typer.Option("--json", help="Print events as JSON lines.")] = False,
     duration: Annotated[float | None, option("End after so many seconds of data.", min=0.0)] = None,
     state: Annotated[
@@ -39,19 +55,24 @@ def monitor(
 
         require_writable(state)
 
-    from fdd.cli.console import progress
-    from fdd.cli.monitor_view import TextView, View
+    import numpy as np
+    from rich.live import Live
+
+    from fdd.cli.console import output, progress, remark
+    from fdd.cli.tables import diagnosis_view
     from fdd.diagnosis.model import Model
     from fdd.diagnosis.pipeline import Pipeline
     from fdd.identification.log_scales import StreamScales
-    from fdd.logs import ChannelMap, Log, read_log
-    from fdd.monitor import JsonLines, LineParser, Replay, watch
+    from fdd.logs import ChannelMap, read_log
+    from fdd.monitor import JsonLines, LineParser, Noted, Replay, Status, watch
     from fdd.monitor.clock import WallClock
     from fdd.monitor.state import load_state, save_state
     from fdd.offline.diagnoser import quality_of, unit_of
 
     classifier = Model.load(model)
     channel_map = None if map_ is None else ChannelMap.load(map_)
+    stop = threading.Event()
+    clock = WallClock(stop)
     log: Log | None = None
     name, given = "standard input", axis or (channel_map.axis if channel_map else None)
     if source != "-":
@@ -61,45 +82,62 @@ def monitor(
         given = log.axis
     profile, note = unit_of(log, unit)
     pipeline = Pipeline(profile, classifier, axis=given or profile.axis, log=name, keep_trajectories=False)
-    after = offset = float("nan")
+    after = offset = math.nan
     if state is not None and state.exists():
         after, offset = load_state(state, pipeline)
-    stop = threading.Event()
-    clock = WallClock(stop)
     stream: JsonLines | Replay
+    seen, parser = 0, None
     if log is None:
-        parser = LineParser(channel_map, after=after, offset=offset)
+        parser = LineParser(channel_map)
+        parser.clock.last_time, parser.clock.offset = after, offset
         stream = JsonLines(_standard_input(), parser, clock=clock)
     else:
-        quality = quality_of(log.quality)
-        stream = Replay(log.samples, quality, speed=rate, clock=clock, after=after)
-    view = View() if json_ else TextView()
+        seen = 0 if math.isnan(after) else int(np.searchsorted(log.samples.time, after, side="right"))
+        rest = log.samples.rows(seen, len(log.samples))
+        stream = Replay(rest, quality_of(log.quality), speed=rate, clock=clock)
 
     def keep(last_time: float) -> None:
         assert state is not None
-        known = stream.offset if isinstance(stream, JsonLines) else 0.0
-        save_state(state, pipeline, last_time=last_time, offset=known)
+        save_state(state, pipeline, last_time=last_time, offset=parser.clock.offset if parser else 0.0)
 
-    with stopped_by_signals(stop), view:
-        if note:
-            view.remark(note)
+    console = output()
+    live = Live(console=console, transient=True, auto_refresh=False)
+    shows_status = console.is_terminal and not json_
+
+    def show(event: Event) -> None:
+        if json_:
+            print(json.dumps(event_data(event), ensure_ascii=False), flush=True)
+        elif isinstance(event, Status):
+            live.update(status_line(event), refresh=True)
+        else:
+            for line in event_lines(event):
+                console.print(line, soft_wrap=True)
+            sys.stdout.flush()
+
+    with stopped_by_signals(stop), live if shows_status else nullcontext():
+        if note and json_:
+            remark(note)
+        elif note:
+            show(Noted(math.nan, note))
+        if seen:
+            show(Noted(math.nan, f"{seen} samples up to {after:.3f} s were seen before and are passed over"))
         try:
             answer = watch(
-                stream, pipeline, view.show, clock=clock, stopped=stop.is_set, duration=duration,
-                status_every=STATUS_S if view.shows_status else None,
-                save=None if state is None else keep, scales=StreamScales(profile, name),
+                stream, pipeline, show, clock=clock, stopped=stop.is_set, duration=duration,
+                status_every=STATUS_S if shows_status else None, save=None if state is None else keep,
+                scales=StreamScales(profile, name),
             )  # fmt: skip
         except InputError as error:
             raise (error if error.where == name else error.at(name)) from None
-    view.summary(answer)
+    if json_:
+        summary = {"event": "summary", "diagnosis": json.loads(answer.model_dump_json(by_alias=True))}
+        print(json.dumps(summary, ensure_ascii=False), flush=True)
+    else:
+        console.print(diagnosis_view(answer))
 
 
 def replay_speed(text: str) -> float | None:
     """Times real time; None for ``max``.
-
-    Raises
-    ------
-    InputError : neither a positive number nor ``max``.
 
     Examples
     --------
@@ -124,3 +162,61 @@ def _standard_input() -> Callable[[int], bytes]:
     except (OSError, ValueError):  # replaced by an object in memory
         return sys.stdin.buffer.read
     return lambda most: os.read(number, most)
+
+
+def event_data(event: Event) -> dict[str, Any]:
+    """A finding or note as ``--json`` prints it."""
+    from fdd.monitor import Found, Noted
+
+    if isinstance(event, Found):
+        return {"event": "finding", "time_s": event.time, **json.loads(event.finding.model_dump_json())}
+    assert isinstance(event, Noted)
+    return {"event": "note", "time_s": None if math.isnan(event.time) else event.time, "text": event.text}
+
+
+def event_lines(event: Event) -> list[Text]:
+    """A finding or note for people."""
+    from rich.text import Text
+
+    from fdd.monitor import Found, Noted
+    from fdd.report.words import finding_words
+
+    if isinstance(event, Found):
+        words = finding_words(event.finding)
+        lines = [Text(f"{stamp(event.time)} {words.headline}", style="bold red")]
+        return [*lines, Text(f"{' ' * 12} {words.alternatives}")] if words.alternatives else lines
+    assert isinstance(event, Noted)
+    return [Text(f"{stamp(event.time)} {event.text}", style="yellow")]
+
+
+def stamp(time: float) -> str:
+    """Time of the stream, of one width.
+
+    Examples
+    --------
+    >>> stamp(34.5)
+    '[   34.50 s]'
+    """
+    return "[      start]" if math.isnan(time) else f"[{time:8.2f} s]"
+
+
+def status_line(status: Status) -> Text:
+    """Time, the likeliest families and the estimates that the data pin down, in one line."""
+    from rich.text import Text
+
+    from fdd.cli.tables import COLOURS
+    from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
+    from fdd.report.tables import with_std
+    from fdd.report.words import family_title, percent
+
+    line = Text(f"{stamp(status.time)} ", no_wrap=True, overflow="ellipsis")
+    line.append(status.verdict, style=COLOURS[status.verdict])
+    ordered = sorted(status.probabilities.items(), key=lambda item: -item[1])
+    top = [(name, p) for k, (name, p) in enumerate(ordered[:2]) if k == 0 or p >= 0.05]
+    line.append("".join(f"  {family_title(name).lower()} {percent(p)}" for name, p in top))
+    for name, estimate in status.estimates.items():
+        if estimate.value is not None and estimate.observable:
+            scale, unit = DISPLAY_SCALE[name], ESTIMATED[name][1]
+            std = None if estimate.std is None else estimate.std * scale
+            line.append(f"  {SHORT[name]} {with_std(estimate.value * scale, std)} {unit}")
+    return line

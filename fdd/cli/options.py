@@ -1,14 +1,14 @@
-"""Options that several commands share."""
+"""Options that several commands share, and what is refused before minutes are spent."""
 
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from fdd.cli.completion import units
 from fdd.engines import Engine
 from fdd.errors import InputError
 
@@ -21,6 +21,33 @@ def option(help: str, *names: str, **more: Any) -> Any:
 def argument(help: str, metavar: str | None = None) -> Any:
     """An argument for `Annotated`."""
     return typer.Argument(help=help, metavar=metavar, show_default=False)
+
+
+def faults(incomplete: str) -> list[tuple[str, str]]:
+    """Ids of the catalogue's faults with their titles, as the shell offers them.
+
+    Examples
+    --------
+    >>> faults("aer")
+    [('aeration', 'air in the oil')]
+    """
+    from fdd.faults import CATALOGUE
+
+    return [(name, fault.title) for name, fault in CATALOGUE.items() if name.startswith(incomplete)]
+
+
+def units(incomplete: str) -> list[str]:
+    """Shipped profiles; where none fits the shell offers files.
+
+    Examples
+    --------
+    >>> units("axis_b")
+    ['axis_b']
+    """
+    from importlib import resources
+
+    names = (file.name.partition(".yaml")[0] for file in (resources.files("fdd") / "units").iterdir())
+    return sorted(name for name in names if name.startswith(incomplete))
 
 
 UnitOption = Annotated[
@@ -39,6 +66,7 @@ FolderOption = Annotated[
     option("Folder for all of it: index.html with its tables, as CSV and JSON too, and reports.",
            "--output", "-o", metavar="DIR"),
 ]  # fmt: skip
+SpeedOption = Annotated[str, typer.Option(help="Times real time, or max.")]
 WorkersOption = Annotated[
     int | None, option("Processes for several jobs; one for each core else.", min=1, max=256)
 ]
@@ -48,27 +76,21 @@ EngineOption = Annotated[
 DatasetArgument = Annotated[Path, argument("Folder that fdd generate made.")]
 
 
-def require_outputs(json_: str | None, *files: Path | None) -> None:
-    """Refuse outputs before minutes are spent on them.
-
-    Raises
-    ------
-    InputError : one cannot be written.
-    """
+def require_outputs(json_: str | None, *files: Path | None, inputs: Iterable[Path] = ()) -> None:
+    """Refuse outputs before minutes are spent on them."""
     from fdd.files import require_writable
 
+    read = {path.resolve() for path in inputs}
     for path in (None if json_ in (None, "-") else Path(str(json_)), *files):
         if path is not None:
             require_writable(path)
+            if path.resolve() in read:
+                problem = "would be written over, it is a log to diagnose"
+                raise InputError(problem, where=path, mend="name another")
 
 
 def write_json(target: str | None, text: str) -> None:
-    """JSON to a file or, for ``-``, standard output; nowhere for None.
-
-    Raises
-    ------
-    InputError : it cannot be written.
-    """
+    """JSON to a file or, for ``-``, standard output; nowhere for None."""
     if target == "-":
         print(text)
     elif target is not None:
@@ -78,12 +100,7 @@ def write_json(target: str | None, text: str) -> None:
 
 
 def require_packages(extra: str, *names: str) -> None:
-    """Refuse what an extra is missing for.
-
-    Raises
-    ------
-    InputError : one of the packages is not installed.
-    """
+    """Refuse what an extra is missing for."""
     missing = next((name for name in names if importlib.util.find_spec(name) is None), None)
     if missing is not None:
         raise InputError(f"needs the package {missing}", mend=f"install fdd[{extra}]")

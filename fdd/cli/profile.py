@@ -1,4 +1,4 @@
-"""``fdd profile new | check``: a base profile from a data sheet or a duty, and what follows from it."""
+"""``fdd profile new | check``: a base profile from a data sheet, and what follows from it."""
 
 from __future__ import annotations
 
@@ -23,31 +23,21 @@ def new(
     answers: Annotated[
         Path | None, option("Flat YAML or JSON of answers, 'stroke: 64 mm' and so on.", "--from")
     ] = None,
-    duty: Annotated[
-        Path | None,
-        option("Flat YAML or JSON of loads and speeds, 'load: 30 kN' and so on: the actuator is sized."),
-    ] = None,
 ) -> None:
-    """Type a base profile from a data sheet, or size one from its duty, for fdd identify to start from.
+    """Type a base profile from a data sheet, for fdd identify to start from.
 
     Position 0 is mid-stroke, positive extends; positive pump speed raises the pressure on side 1. What
     the sheet does not say is assumed, and the profile says so. Numbers that no actuator has are refused.
-    Sizing follows the thesis's section 4.4; what the duty gives as chosen (bore, pump_displacement, any
-    key of a data sheet) replaces what is calculated.
     """
     from fdd.files import require_writable
 
     require_writable(out)
-    if answers is not None and duty is not None:
-        raise InputError("--from and --duty are both given", mend="give one of them")
 
     from fdd.data_sheet import read_answers, require_plausible
     from fdd.unit import Unit
 
-    if duty is not None:
-        unit, odd = _sized(duty)
-    elif answers is None:
-        unit, odd = asked_profile()
+    if answers is None:
+        unit, odd = _asked_profile()
     else:
         unit, odd = _typed(read_answers(answers))
         require_plausible(odd, str(answers))
@@ -70,7 +60,7 @@ def check(
     require_plausible(odd, profile)
 
 
-def asked_profile() -> tuple[Unit, list[Remark]]:
+def _asked_profile() -> tuple[Unit, list[Remark]]:
     """Ask for the data sheet's numbers at a terminal, again where they cannot be."""
     from fdd.data_sheet import QUESTIONS, Answers
 
@@ -119,29 +109,6 @@ def _typed(answers: Answers) -> tuple[Unit, list[Remark]]:
 
     unit = typed_unit(answers)
     return unit, sheet_remarks(unit, completed(answers.values))
-
-
-def _sized(duty: Path) -> tuple[Unit, list[Remark]]:
-    """Size what a duty file asks for; shows how."""
-    from fdd.cli.console import grid, output
-    from fdd.data_sheet import require_plausible
-    from fdd.data_sheet.duty import read_duty
-    from fdd.data_sheet.sizing import sized
-
-    read = read_duty(duty)
-    try:
-        found = sized(read)
-        unit, odd = _typed(found.answers)
-    except InputError as error:
-        raise error.at(duty) from None
-    require_plausible(odd, str(duty))
-    rows = [(row.quantity, f"{row.shown:.4g}", row.unit, row.source) for row in found.rows]
-    table = grid(
-        (f"{unit.name}: as sized", "value", "unit", "from"), rows, numbers=("value",), whole=("unit",)
-    )
-    table.columns[0].min_width = table.columns[3].min_width = 24
-    output().print(table)
-    return unit, [*found.remarks, *odd]
 
 
 def _show(unit: Unit, odd: list[Remark]) -> None:

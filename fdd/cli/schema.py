@@ -32,30 +32,19 @@ def schema_of(kind: Kind) -> dict[str, Any]:
 
     It knows types, names and ranges of single values; what values must be to each other only fdd tells.
     YAML is meant as version 1.2 reads it, where ``2e8`` is a number.
-
-    Examples
-    --------
-    >>> schema_of("diagnosis")["title"], "verdict" in schema_of("diagnosis")["required"]
-    ('fdd.diagnosis/1', True)
     """
+    from fdd.samples import CHANNELS
+
     module, name = MODELS[kind].split(":")
     model = getattr(import_module(module), name)
     # Answers are written, the others are read.
     made = model.model_json_schema(mode="serialization" if kind in ANSWERS else "validation")
-    if kind == "map":
-        _allow_flat_channels(made)
+    if kind == "map":  # channels stand below ``channels:`` or at the top level
+        each = {name: {"$ref": "#/$defs/ChannelSource"} for name in CHANNELS}
+        channels = {"type": "object", "properties": each, "additionalProperties": False}
+        made["properties"] |= {"channels": channels, **each}
+        del made["required"]
     # What the models' docstrings say is for Python.
     made.pop("description", None)
     title = made["properties"]["schema"]["const"]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": title}
-
-
-def _allow_flat_channels(made: dict[str, Any]) -> None:
-    """Channels of a map stand below ``channels:`` or at the top level."""
-    from fdd.samples import CHANNELS
-
-    source = {"$ref": "#/$defs/ChannelSource"}
-    each = dict.fromkeys(CHANNELS, source)
-    channels = {"type": "object", "properties": each, "additionalProperties": False}
-    made["properties"] |= {"channels": channels, **each}
-    del made["required"]

@@ -7,23 +7,47 @@ from typing import Annotated, Any
 
 import typer
 
-from fdd.cli.completion import CONTROLS, DUTIES, LOADS, begins, faults, units
-from fdd.cli.options import option
+from fdd.cli.options import faults, option, units
 from fdd.errors import InputError
 
+Data = dict[str, Any]
 RIG, CONDITIONS, RECORDING = "Load, control and circuit", "Conditions", "Recording"
+CONNECT = {"connect_1": "line_1", "connect_2": "line_2", "connect_flow": "flow"}
+"""Names of the connect valves on the command line, and in a scenario."""
+WIDTH_IN_A_FILE = 160
+"""Columns of the list of faults where it does not go to a terminal."""
 
 
 def _list_faults(wanted: bool) -> None:
-    if wanted:
-        from fdd.cli.console import output
-        from fdd.cli.fault_table import WIDTH_IN_A_FILE, fault_table
+    """The catalogue: id, family, what the plant does, severity 1.0, variants and sides; below it each law."""
+    if not wanted:
+        return
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
 
-        console = output()
-        if not console.is_terminal:
-            console.width = WIDTH_IN_A_FILE
-        console.print(fault_table())
-        raise typer.Exit(0)
+    from fdd.cli.console import output
+    from fdd.faults import ADDED_BY, CATALOGUE
+
+    caption = "Of variants, sides and laws the first is the default."
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, caption=caption)
+    shares = {"fault": None, "family": None, "what the plant does": 3, "severity 1.0": 3, "variants": 1,
+              "sides": None}  # fmt: skip
+    for name, ratio in shares.items():
+        table.add_column(name, no_wrap=ratio is None, ratio=ratio)
+    for entry in CATALOGUE.values():
+        origin = f" (package {ADDED_BY[entry.id]})" if entry.id in ADDED_BY else ""
+        plant = entry.plant + ("" if entry.simulated else " (not simulated)") + origin
+        plain = (entry.id, entry.family, plant, entry.severity, ", ".join(entry.variants),
+                 ", ".join(map(str, entry.sides)))  # fmt: skip
+        table.add_row(*map(Text, plain), style="" if entry.simulated else "dim")
+        for law, words in entry.laws.items():
+            table.add_row(Text(f"  law={law}"), "", Text(words))
+    console = output()
+    if not console.is_terminal:
+        console.width = WIDTH_IN_A_FILE
+    console.print(table)
+    raise typer.Exit(0)
 
 
 def simulate(
@@ -40,7 +64,7 @@ def simulate(
         option(
             "Duty: standstill, steps, sines, sweep, prbs, sawtooth, strokes, flight, constant_speed, one_way "
             "or levels; with parameters as in steps:amplitude=0.03,hold=1 or levels:points=0:0.02/5:-0.02.",
-            show_default="steps", autocompletion=begins(DUTIES),
+            show_default="steps",
         ),
     ] = None,
     fault: Annotated[
@@ -56,12 +80,12 @@ def simulate(
     load: Annotated[
         str | None,
         option("none, constant, spring, inertia, gust or throttle; with parameters as in spring:rate=2e4.",
-               show_default="none", autocompletion=begins(LOADS), rich_help_panel=RIG),
+               show_default="none", rich_help_panel=RIG),
     ] = None,
     control: Annotated[
         str | None,
         option("position or speed.", show_default="position; speed for constant_speed",
-               autocompletion=begins(CONTROLS), rich_help_panel=RIG),
+               rich_help_panel=RIG),
     ] = None,
     partner: Annotated[
         str | None,
@@ -103,35 +127,34 @@ def simulate(
 
     require_kind(out)
 
-    from fdd.cli import scenario_options as options
     from fdd.cli.console import progress
     from fdd.plant.duty import Steps
     from fdd.plant.faults.spec import parse_fault
     from fdd.plant.scenario import Scenario, scenario_data
     from fdd.unit import Unit
 
-    data: dict[str, Any] = {} if scenario is None else scenario_data(scenario)
+    data: Data = {} if scenario is None else scenario_data(scenario)
     plain = {
         "unit": unit, "duration": duration, "seed": seed, "oil_temperature": temperature, "warming": warming,
     }  # fmt: skip
     data.update({name: value for name, value in plain.items() if value is not None})
-    options.set_motion(data, profile, load, control)
+    _set_motion(data, profile, load, control)
     if fault:
         data["faults"] = [parse_fault(text) for text in fault]
     if partner is not None:
-        options.set_partner(data, partner)
+        _set_partner(data, partner)
     for text in valve or []:
-        options.set_valve(data, text)
+        _set_valve(data, text)
     if load_force:
-        options.section(data, "recording")["load_force"] = True
+        _section(data, "recording")["load_force"] = True
     if perfect:
-        options.section(data, "recording").update(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0)
+        _section(data, "recording").update(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0)
     machine = Unit.load(str(data.get("unit", "axis_a")))
     if data.get("duty") is None:  # nothing was asked for: steps that any stroke holds
         data["duty"] = Steps(amplitude=min(Steps().amplitude, 0.3 * machine.cylinder.stroke)).model_dump()
     second = None
     if data.get("partner") is not None:
-        second = Unit.load(str(options.section(data, "partner").get("unit", "axis_b")))
+        second = Unit.load(str(_section(data, "partner").get("unit", "axis_b")))
         data["partner"]["unit"] = second.name
     try:
         whole = Scenario(**{**data, "unit": machine.name})
@@ -139,3 +162,96 @@ def simulate(
         raise (error if scenario is None else error.at(scenario)) from None
     with progress(f"simulating {whole.duration:g} s", total=float(whole.rows)) as advance:
         write_simulation(out, machine, whole, partner=second, truth=truth, advance=advance)
+
+
+def named_parameters(text: str, option: str) -> tuple[str, dict[str, object]]:
+    """Split ``name:key=value,…``; a value with slashes is a list.
+
+    Examples
+    --------
+    >>> named_parameters("steps:amplitude=0.03,hold=1", "--profile")
+    ('steps', {'amplitude': '0.03', 'hold': '1'})
+    """
+    name, _, rest = text.partition(":")
+    out: dict[str, object] = {}
+    for part in filter(None, (p.strip() for p in rest.split(","))):
+        key, equals, value = (p.strip() for p in part.partition("="))
+        if not equals or not key or key in ("name", "self"):
+            raise InputError(
+                f"{option} {text}: {part!r} is not a parameter", mend="write NAME:key=value,key=value"
+            )
+        if key in out:
+            raise InputError(f"{option} {text}: {key} is given twice", mend="give it once")
+        out[key] = value.split("/") if "/" in value else value
+    return name.strip(), out
+
+
+def _section(data: Data, *names: str) -> Data:
+    """A part of the scenario to write into; made where it is not there."""
+    for name in names:
+        inner = data.get(name)
+        if inner is not None and not isinstance(inner, dict):
+            raise InputError(f"{name} {inner!r:.60} has no fields", where="scenario", mend="write its fields")
+        # A copy: what was read from the file stays as it was.
+        data[name] = dict(inner or {})
+        data = data[name]
+    return data
+
+
+def _set_motion(data: Data, profile: str | None, load: str | None, control: str | None) -> None:
+    """Take ``--profile``, ``--load`` and ``--control``, where they are given."""
+    from fdd.plant.duty import duty_named
+    from fdd.plant.load import load_named
+
+    if profile is not None:
+        name, parameters = named_parameters(profile, "--profile")
+        data["duty"] = duty_named(name, **parameters).model_dump()
+        if control is None and name == "constant_speed":
+            control = "speed"
+    if load is not None:
+        name, parameters = named_parameters(load, "--load")
+        data["load"] = load_named(name, **parameters).model_dump()  # type: ignore[arg-type]
+    if control is not None:
+        _section(data, "control")["mode"] = control
+
+
+def _set_partner(data: Data, text: str) -> None:
+    """Take ``--partner UNIT:drive=still,power=0``."""
+    from fdd.plant.scenario import Partner
+
+    name, parameters = named_parameters(text, "--partner")
+    known = [field for field in Partner.model_fields if field not in ("unit", "circuit", "duty")]
+    for key in parameters:
+        if key not in known:
+            raise InputError(
+                f"--partner {text}: unknown parameter {key}",
+                mend=f"use {' or '.join(known)}; its valves are --valve b.NAME=OPENING",
+            )
+    _section(data, "partner").update({"unit": name, **parameters})
+
+
+def _set_valve(data: Data, text: str) -> None:
+    """Take ``--valve connect_1=1``, ``--valve throttle=0:0/5:1`` or ``--valve b.throttle=0.5``.
+
+    ``b.`` is the partner; nothing, or ``a.``, the first axis. Besides openings the other numbers of a
+    circuit are taken as well, and those of its external accumulators, which connects them.
+    """
+    from fdd.plant.circuit import Circuit, ExternalAccumulators
+
+    where = f"--valve {text}"
+    key, equals, value = (part.strip() for part in text.partition("="))
+    axis, _, name = key.rpartition(".")
+    circuit = [field for field in Circuit.model_fields if field != "accumulators"]
+    accumulators = list(ExternalAccumulators.model_fields)
+    if not equals or not value or axis not in ("", "a", "b"):
+        raise InputError("not a valve", where=where, mend="write NAME=OPENING, or b.NAME=OPENING")
+    if name in CONNECT and not axis:
+        _section(data, "connect")[CONNECT[name]] = value
+        return
+    if name not in (*circuit, *accumulators):
+        known = ", ".join((*CONNECT, *circuit, *accumulators))
+        raise InputError(f"unknown valve {key!r}", where=where, mend=f"the valves are: {known}")
+    if axis == "b" and data.get("partner") is None:
+        raise InputError("there is no partner", where=where, mend="give --partner, such as --partner axis_b")
+    path = ("partner", "circuit") if axis == "b" else ("circuit",)
+    _section(data, *path, *(("accumulators",) if name in accumulators else ()))[name] = value

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich import box
@@ -12,13 +11,13 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from fdd.cli.console import NARROW, grid
+from fdd.cli.console import NARROW, grid, output, print_whole
 from fdd.report import tables
 from fdd.report.words import FindingWords, second_opinion_words, verdict_words
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
-    from fdd.report.sheet import Table as SheetTable
+    from fdd.report.sheet import Sheet
     from fdd.unit import Unit
 
 HARDEST = 5
@@ -97,34 +96,29 @@ def _quality(diagnosis: Diagnosis) -> Text:
     return text
 
 
-def print_sheet(
-    console: Console, lines: Sequence[str], shown: Sequence[SheetTable], notes: Sequence[str]
-) -> None:
-    """What ``fdd compare`` and ``fdd trend`` print: lines, tables and notes."""
-    for line in lines:
-        console.print(line, soft_wrap=True)
-    for table in shown:
+def print_sheet(sheet: Sheet, console: Console | None = None) -> None:
+    """What ``fdd compare`` and ``fdd trend`` print: headline, remarks and tables.
+
+    Titles of columns may wrap, and sentences in lines of some words; a terminal that is too narrow for names
+    and numbers breaks the table's lines itself.
+    """
+    console = console or output()
+    console.print(sheet.headline, soft_wrap=True)
+    for remark in sheet.remarks:
+        console.print(Text(f"• {remark}", style="yellow"), soft_wrap=True)
+    for table in sheet.tables:
         told = [k for k, _ in enumerate(table.columns) if any(row[k] != tables.NOTHING for row in table.rows)]
         made = grid((table.columns[k] for k in told), **NARROW)
         for k, column in zip(told, made.columns, strict=True):
             column.justify = "right" if table.numbers and k else "left"
-            # Titles may wrap, and sentences in lines of some words; names and numbers may not.
-            longest = max((len(row[k]) for row in table.rows), default=0)
-            words = [*table.columns[k].split(), *(w for row in table.rows for w in row[k].split())]
-            number = column.justify == "right" or any("±" in row[k] for row in table.rows)
-            least = longest if number else min(longest, SENTENCE) if k else 0
-            column.min_width = max(least, *map(len, words))
-        made.title, made.title_justify, made.title_style = Text(table.title), "left", "bold"
+            cells = [row[k] for row in table.rows]
+            longest = max(map(len, cells), default=0)
+            number = column.justify == "right" or any("±" in cell for cell in cells)
+            words = (len(word) for text in (table.columns[k], *cells) for word in text.split())
+            column.min_width = max(longest if number else min(longest, SENTENCE) if k else 0, *words)
         for place, row in enumerate(table.rows):
             made.add_row(*(Text(row[k]) for k in told), style="bold" if place in table.marked else "")
-        if console.measure(made, options=console.options.update(max_width=1000)).minimum <= console.width:
-            console.print(Padding(made, (0, 0, 1, 0)))
-        else:
-            console.print(Text(table.title, style="bold"))
-            for row in table.rows:
-                said = (f"{table.columns[k]} {row[k]}" for k in told[1:] if row[k] != tables.NOTHING)
-                console.print(Text(f"{row[0]}: {', '.join(said)}"), soft_wrap=True)
+        made.title, made.title_justify, made.title_style = Text(table.title), "left", "bold"
+        print_whole(console, made)
         if table.note:
             console.print(Text(f"  {table.note}\n", style="dim"))
-    for note in notes:
-        console.print(Text(f"• {note}", style="yellow"))

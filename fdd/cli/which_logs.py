@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fdd.errors import InputError
 from fdd.logs.formats import suffixes
-
-if TYPE_CHECKING:
-    from fdd.logs import ChannelMap, Log
-    from fdd.offline.diagnoser import Job
 
 
 def find_logs(given: Sequence[Path], leave_out: Path | None = None) -> list[Path]:
@@ -26,15 +22,6 @@ def find_logs(given: Sequence[Path], leave_out: Path | None = None) -> list[Path
         such as ``runs/*.csv`` or ``runs/**/*.mcap``; and ``@list.txt``, a text file with one of these a line
         (blank lines and those that begin with # are skipped). A file is taken whether it is there or not.
     leave_out : a folder to skip in folders: that of the answers.
-
-    Raises
-    ------
-    InputError : nothing matches, or a list that cannot be read.
-
-    Examples
-    --------
-    >>> [p.name for p in find_logs([Path("b.csv"), Path("a.mcap"), Path("b.csv")])]
-    ['b.csv', 'a.mcap']
     """
     found: dict[str, Path] = {}
     for argument in given:
@@ -45,45 +32,24 @@ def find_logs(given: Sequence[Path], leave_out: Path | None = None) -> list[Path
 
 
 def names_of(logs: Sequence[Path]) -> list[str]:
-    """What each log is called: its file name; with folders where two would have the same.
-
-    Examples
-    --------
-    >>> names_of([Path("x/day1/a.csv"), Path("x/day2/a.csv"), Path("x/day2/b.csv")])
-    ['day1/a.csv', 'day2/a.csv', 'b.csv']
-    """
+    """What each log is called: its file name; with folders where two would have the same."""
     count = Counter(log.name for log in logs)
-    twins = [log.absolute() for log in logs if count[log.name] > 1]
-    if not twins:
-        return [log.name for log in logs]
+    twins = [log.absolute().parent for log in logs if count[log.name] > 1]
     try:
-        common = Path(os.path.commonpath([log.parent for log in twins]))
+        common = os.path.commonpath(twins) if twins else ""
     except ValueError:  # on several drives
-        return [log.absolute().as_posix() if count[log.name] > 1 else log.name for log in logs]
+        common = "/"
     return [
-        log.absolute().relative_to(common).as_posix() if count[log.name] > 1 else log.name for log in logs
+        Path(os.path.relpath(log, common)).as_posix() if count[log.name] > 1 else log.name for log in logs
     ]
 
 
-def jobs_of(logs: Sequence[Path]) -> list[Job]:
-    """A job for each log, by its name."""
-    from fdd.offline.diagnoser import Job
-
-    return [Job(path, name) for path, name in zip(logs, names_of(logs), strict=True)]
-
-
 def file_names(names: Sequence[str]) -> list[str]:
-    """A name for a file of each log, without folders, no two alike (nor on systems that ignore case).
-
-    Examples
-    --------
-    >>> file_names(["day1/a.csv", "day1-a.csv", "b.csv"])
-    ['day1-a.csv', 'day1-a.csv-2', 'b.csv']
-    """
+    """A name for a file of each log, without folders, no two alike (nor on systems that ignore case)."""
     taken: set[str] = set()
     out = []
     for name in names:
-        plain = base = "".join("-" if c in '/\\:*?"<>|' or ord(c) < 32 else c for c in name)
+        plain = base = re.sub(r'[/\\:*?"<>|\x00-\x1f]', "-", name)
         number = 1
         while plain.lower() in taken:
             number += 1
@@ -134,16 +100,3 @@ def _below(folder: Path, leave_out: Path | None) -> list[Path]:
         )
         found += [Path(here, f) for f in files if not f.startswith(".") and f.lower().endswith(suffixes())]
     return sorted(found, key=lambda path: path.parts)
-
-
-def read_logs(paths: list[Path], channel_map: ChannelMap | None, axis: str | None) -> list[Log]:
-    """All of them, in order; the first that cannot be read is an `InputError`."""
-    from fdd.cli.console import progress
-    from fdd.logs import read_log
-
-    read = []
-    with progress("reading", len(paths)) as advance:
-        for k, path in enumerate(paths):
-            read.append(read_log(path, channel_map, axis))
-            advance(k + 1)
-    return read

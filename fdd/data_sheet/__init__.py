@@ -1,15 +1,8 @@
-"""A base profile typed from a data sheet: the questions, the profile they make, and whether it can be.
+"""A base profile typed from a data sheet: the questions, the profile they make, and whether it can be."""
 
-Examples
---------
->>> from fdd.data_sheet import read_answers, typed_unit
->>> unit = typed_unit(read_answers("answers.yaml"))  # doctest: +SKIP
-"""
-
-from fdd.data_sheet.answers import Answers, parsed, read_answers
+from fdd.data_sheet.answers import QUESTIONS, Answers, Question, parsed, read_answers
 from fdd.data_sheet.plausibility import Remark, derived, require_plausible, sheet_remarks, unit_remarks
 from fdd.data_sheet.profile import typed_unit
-from fdd.data_sheet.questions import QUESTIONS, Question
 
 __all__ = [
     "QUESTIONS",

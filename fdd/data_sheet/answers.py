@@ -1,4 +1,4 @@
-"""Answers from a data sheet: ``key: value with unit``, read from a flat file or typed one by one."""
+"""What a base profile asks of a data sheet, and the answers: ``key: value with unit``, of a file or typed."""
 
 from __future__ import annotations
 
@@ -6,19 +6,52 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fdd.bounds import LONGEST_NAME, MAX_ANSWER_BYTES
-from fdd.data_sheet.questions import QUESTIONS, Question
 from fdd.errors import InputError
 from fdd.measures import MEASURES, measure
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
-TEXTS = ("name", "description")
+KIND, MEND = "file of answers", "give a YAML or JSON file with one answer a line"
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+
+
+@dataclass(frozen=True)
+class Question:
+    """One number of a data sheet; what each field means stands in ``questions.yaml``."""
+
+    key: str
+    words: str
+    unit: str
+    low: float
+    high: float
+    spread: float | None = None
+    assumed: str | None = None
+    also: str | None = None
+    path: str | None = None
+
+    @property
+    def dimensions(self) -> tuple[str, ...]:
+        """What the answer may measure."""
+        return tuple(measure(u).dimension for u in (self.unit, self.also) if u is not None)
+
+
+def _questions() -> dict[str, Question]:
+    file = resources.files("fdd.data_sheet") / "questions.yaml"
+    questions = {}
+    for key, given in yaml_mapping(file.read_text("utf-8"), file.name, "questionnaire")["data_sheet"].items():
+        low, high = map(float, given.pop("range"))
+        questions[key] = Question(key, low=low, high=high, **given)
+    return questions
+
+
+QUESTIONS = _questions()
+"""By key, in the order in which they are asked."""
 
 
 @dataclass(frozen=True)
@@ -29,31 +62,21 @@ class Answers:
     ----------
     name : of the profile. description : one line, may be empty.
     values : question's key to its value in SI. Leakage given as a flow stands under ``leakage_flow``.
-    written : the same as it was typed, for the profile's sources. kind : where that stands.
+    written : the same as it was typed, for the profile's sources.
     """
 
     name: str
     description: str = ""
     values: dict[str, float] = field(default_factory=dict)
     written: dict[str, str] = field(default_factory=dict)
-    kind: str = "data sheet"
 
     def source(self, *keys: str) -> str | None:
         """Where the first of these that was answered comes from."""
-        return next((f"{self.kind}: {self.written[k]}" for k in keys if k in self.written), None)
+        return next((f"data sheet: {self.written[k]}" for k in keys if k in self.written), None)
 
     @classmethod
-    def of(
-        cls,
-        given: Mapping[str, Any],
-        where: str | Path = "answers",
-        questions: Mapping[str, Question] = QUESTIONS,
-    ) -> Answers:
-        """Check and convert answers as they are typed.
-
-        Parameters
-        ----------
-        where : named in errors. questions : what may, and must, be answered.
+    def of(cls, given: Mapping[str, Any], where: str | Path = "answers") -> Answers:
+        """Check and convert answers as they are typed; `where` is named in errors.
 
         Raises
         ------
@@ -66,42 +89,30 @@ class Answers:
         ...
         fdd.errors.InputError: answers: missing: piston_area_1 (m^2); write e.g. 'piston_area_1: 1 m^2'
         """
-        known = (*TEXTS, *questions)
+        known = ("name", "description", *QUESTIONS)
         for key in given:
             if key not in known:
-                raise InputError(
-                    f"unknown key {key!r}", where=where, mend=f"the keys are: {', '.join(known)}"
-                )
+                mend = f"the keys are: {', '.join(known)}"
+                raise InputError(f"unknown key {key!r}", where=where, mend=mend)
         if not isinstance(given.get("name"), str) or not given["name"].strip():
             raise InputError("missing: name", where=where, mend="write e.g. 'name: press 3'")
         out = cls(given["name"].strip(), str(given.get("description") or ""))
-        for question in questions.values():
+        for question in QUESTIONS.values():
             answer = given.get(question.key)
-            if answer is None:
-                if question.assumed is None:
-                    raise InputError(
-                        f"missing: {question.key} ({question.unit})",
-                        where=where,
-                        mend=f"write e.g. '{question.key}: 1 {question.unit}'",
-                    )
-                continue
-            try:
-                key, value = parsed(question, answer)
-            except InputError as error:
-                raise error.at(where) from None
-            out.values[key] = value
-            out.written[key] = str(answer).strip()
+            if answer is not None:
+                try:
+                    key, value = parsed(question, answer)
+                except InputError as error:
+                    raise error.at(where) from None
+                out.values[key], out.written[key] = value, str(answer).strip()
+            elif question.assumed is None:
+                mend = f"write e.g. '{question.key}: 1 {question.unit}'"
+                raise InputError(f"missing: {question.key} ({question.unit})", where=where, mend=mend)
         return out
 
 
-def read_answers(
-    path: str | Path, questions: Mapping[str, Question] = QUESTIONS, kind: str = "file of answers"
-) -> Answers:
+def read_answers(path: str | Path) -> Answers:
     """Read a flat YAML or JSON file of answers.
-
-    Parameters
-    ----------
-    questions : what it answers. kind : what such a file is called in errors.
 
     Raises
     ------
@@ -115,18 +126,16 @@ def read_answers(
     fdd.errors.InputError: none.yaml: no such file of answers; give a YAML or JSON file with one answer a line
     """
     path = Path(path)
-    mend = "give a YAML or JSON file with one answer a line"
-    text = yaml_text(path, kind, MAX_ANSWER_BYTES, mend)
-    if path.suffix.lower() == ".json":
-        try:
-            data = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"not valid JSON ({error})", where=path, mend=mend) from None
-        if not isinstance(data, dict):
-            raise InputError(f"not a {kind}", where=path, mend=mend)
-    else:
-        data = yaml_mapping(text, path, kind, mend=mend)
-    return Answers.of(data, path, questions)
+    text = yaml_text(path, KIND, MAX_ANSWER_BYTES, MEND)
+    if path.suffix.lower() != ".json":
+        return Answers.of(yaml_mapping(text, path, KIND, mend=MEND), path)
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not valid JSON ({error})", where=path, mend=MEND) from None
+    if not isinstance(data, dict):
+        raise InputError(f"not a {KIND}", where=path, mend=MEND)
+    return Answers.of(data, path)
 
 
 def parsed(question: Question, answer: object) -> tuple[str, float]:

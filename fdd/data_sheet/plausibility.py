@@ -5,13 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from fdd.data_sheet.questions import QUESTIONS
+from fdd.data_sheet.answers import QUESTIONS
 from fdd.errors import InputError
 from fdd.unit import Unit
 
 LITRES_PER_MINUTE = 6e4
 """L/min in one m³/s."""
+SLIPS = {
+    "2π: turn or radian": 2.0 * math.pi,
+    "60/2π: rpm or rad/s": 30.0 / math.pi,
+    "60: minute or second": 60.0,
+}
+"""Factors that a mistaken unit of measure makes."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +38,7 @@ class Remark:
     impossible: bool = False
 
 
-@dataclass(frozen=True)
-class Derived:
+class Derived(NamedTuple):
     """A quantity that follows: a person who knows the machine sees at once whether it is right."""
 
     quantity: str
@@ -90,12 +96,12 @@ def unit_remarks(unit: Unit) -> list[Remark]:
     >>> unit_remarks(Unit.load("axis_a"))
     []
     """
-    return sorted((*_ranges(unit), *_shape(unit), *_pressures(unit), *_motion(unit)), key=_unusual_last)
+    return _odd(*_ranges(unit), *_cylinder(unit), *_machine(unit))
 
 
 def sheet_remarks(unit: Unit, values: dict[str, float]) -> list[Remark]:
     """`unit_remarks`, and what the sheet's own figures (SI) say beside each other."""
-    return sorted((*_flow(values), *_rated(values), *unit_remarks(unit)), key=_unusual_last)
+    return _odd(*_sheet(values), *_ranges(unit), *_cylinder(unit), *_machine(unit))
 
 
 def require_plausible(remarks: list[Remark], where: str) -> None:
@@ -110,141 +116,111 @@ def require_plausible(remarks: list[Remark], where: str) -> None:
             raise InputError(remark.problem, where=where, mend=remark.mend)
 
 
-def _unusual_last(remark: Remark) -> bool:
-    return not remark.impossible
+Check = tuple[bool, bool, tuple[str, ...], str, str]
+"""Whether something is odd, and whether it is impossible; then what a `Remark` says of it."""
 
 
-def _ranges(unit: Unit) -> Iterator[Remark]:
-    for question in QUESTIONS.values():
-        if question.path is None:
-            continue
-        section, name = question.path.split(".")
-        value = float(getattr(getattr(unit, section), name))
-        if not question.low <= value <= question.high:
-            yield Remark(
-                (question.key,),
-                f"{question.path} is {value:g} {question.unit}, not between {question.low:g} and "
-                f"{question.high:g}",
-                "check its unit of measure",
-                impossible=True,
-            )
+def _odd(*checks: Check) -> list[Remark]:
+    remarks = [
+        Remark(keys, problem, mend, impossible)
+        for odd, impossible, keys, problem, mend in checks
+        if odd or impossible
+    ]
+    return sorted(remarks, key=lambda remark: not remark.impossible)
 
 
-def _shape(unit: Unit) -> Iterator[Remark]:
+def _ranges(unit: Unit) -> Iterator[Check]:
+    for q in QUESTIONS.values():
+        if q.path is not None:
+            section, name = q.path.split(".")
+            value = float(getattr(getattr(unit, section), name))
+            outside = not q.low <= value <= q.high
+            problem = f"{q.path} is {value:g} {q.unit}, not between {q.low:g} and {q.high:g}"
+            yield outside, outside, (q.key,), problem, "check its unit of measure"
+
+
+def _cylinder(unit: Unit) -> Iterator[Check]:
     c = unit.cylinder
-    ratio = c.area_2 / c.area_1
-    if not 0.25 <= ratio <= 4.0:
-        yield Remark(
-            ("piston_area_2", "piston_area_1"),
-            f"the piston's areas differ by a factor of {max(ratio, 1 / ratio):.3g}",
-            "check both areas and their units of measure",
-            impossible=not 0.05 <= ratio <= 20.0,
-        )
+    factor = max(c.area_2 / c.area_1, c.area_1 / c.area_2)
+    yield (
+        factor > 4.0, factor > 20.0, ("piston_area_2", "piston_area_1"),
+        f"the piston's areas differ by a factor of {factor:.3g}",
+        "check both areas and their units of measure",
+    )  # fmt: skip
     for side, area, volume in (("1", c.area_1, c.volume_1), ("2", c.area_2, c.volume_2)):
         swept = 0.5 * area * c.stroke
-        litres = f"chamber {side} holds {1e6 * volume:.4g} cm³ at mid-stroke"
         keys = (f"chamber_volume_{side}", "stroke", f"piston_area_{side}")
+        held = f"chamber {side} holds {1e6 * volume:.4g} cm³ at mid-stroke"
+        sweeps = f"than the {1e6 * swept:.4g} cm³ that the piston sweeps"
         # A sheet's volume may be a tenth off, and some leave the lines out.
-        if volume < 0.8 * swept:
-            problem = f"{litres}, less than the {1e6 * swept:.4g} cm³ that the piston sweeps from there"
-            yield Remark(keys, problem, "check volume, stroke and area", impossible=True)
-        elif volume < swept:
-            problem = f"{litres}, barely less than the {1e6 * swept:.4g} cm³ that the piston sweeps"
-            yield Remark(keys, problem, "add the lines' oil")
-        elif volume > 30.0 * swept:
-            problem = f"{litres}, {volume / swept:.3g} times what the piston sweeps from there"
-            yield Remark(keys, problem, "check volume, stroke and area", impossible=volume > 300.0 * swept)
+        little, barely = volume < 0.8 * swept, 0.8 * swept <= volume < swept
+        yield little, little, keys, f"{held}, less {sweeps} from there", "check volume, stroke and area"
+        yield barely, False, keys, f"{held}, barely less {sweeps}", "add the lines' oil"
+        problem = f"{held}, {volume / swept:.3g} times what the piston sweeps from there"
+        yield volume > 30.0 * swept, volume > 300.0 * swept, keys, problem, "check volume, stroke and area"
 
 
-def _pressures(unit: Unit) -> Iterator[Remark]:
-    a, c = unit.accumulator, unit.cylinder
-    if a.charge_pressure >= a.relief_pressure:
-        problem = (
-            f"the charge, {_bar(a.charge_pressure)}, is not below the relief setting, "
-            f"{_bar(a.relief_pressure)}"
-        )
-        yield Remark(("charge_pressure", "relief_pressure"), problem, "check both units", impossible=True)
-    elif a.charge_pressure > 0.5 * a.relief_pressure:
-        problem = f"the charge, {_bar(a.charge_pressure)}, is more than half the relief setting"
-        yield Remark(("charge_pressure", "relief_pressure"), problem, "check both units of measure")
+def _machine(unit: Unit) -> Iterator[Check]:
+    a, c, d = unit.accumulator, unit.cylinder, unit.drive
+    keys: tuple[str, ...] = ("charge_pressure", "relief_pressure")
+    above, charge = a.charge_pressure >= a.relief_pressure, f"the charge, {_bar(a.charge_pressure)}, is"
+    problem = f"{charge} not below the relief setting, {_bar(a.relief_pressure)}"
+    yield above, above, keys, problem, "check both units"
+    high = not above and a.charge_pressure > 0.5 * a.relief_pressure
+    yield high, False, keys, f"{charge} more than half the relief setting", "check both units of measure"
     static = 0.5 * (unit.friction.forward.static / c.area_1 + unit.friction.reverse.static / c.area_2)
     share = static / a.relief_pressure
-    if share > 0.15:
-        problem = f"the piston breaks away at {_bar(static)}, {share:.0%} of the relief setting"
-        yield Remark(("breakaway_pressure",), problem, "check friction or area", impossible=share > 0.5)
-
-
-def _motion(unit: Unit) -> Iterator[Remark]:
-    d = unit.drive
+    problem = f"the piston breaks away at {_bar(static)}, {share:.0%} of the relief setting"
+    yield share > 0.15, share > 0.5, ("breakaway_pressure",), problem, "check friction or area"
     flow = unit.pump.displacement * d.max_speed
-    fastest = flow / min(unit.cylinder.area_1, unit.cylinder.area_2)
-    keys: tuple[str, ...] = ("pump_displacement", "piston_area_1", "max_speed")
-    if not 0.01 <= fastest <= 2.0:
-        problem = f"the piston's largest speed would be {1e3 * fastest:.3g} mm/s"
-        impossible = not 1e-3 <= fastest <= 10.0
-        yield Remark(keys, problem, "check displacement, areas and largest speed", impossible=impossible)
-    lost = unit.pump.total_leakage * unit.accumulator.relief_pressure / flow
-    if not 1e-3 <= lost <= 0.3:
-        problem = f"at the relief setting {100 * lost:.3g} % of the largest flow leaks away"
-        yield Remark(("leakage",), problem, "check the leakage and its unit", impossible=lost > 0.8)
-    needed = unit.pump.displacement * unit.accumulator.relief_pressure
-    available = d.torque_constant * d.current_limit
-    if not 0.7 <= available / needed <= 20.0:
-        problem = (
-            f"the motor gives {available:.3g} N*m, the pump takes {needed:.3g} N*m at the relief setting"
-        )
-        keys = ("torque_constant", "current_limit", "pump_displacement")
-        yield Remark(keys, problem, "check torque constant, current limit and displacement")
-    frequency = resonance(unit)
-    if not 2.0 <= frequency <= 2000.0:
-        problem = f"the hydraulic resonance would be at {frequency:.3g} Hz"
-        yield Remark(("moving_mass", "bulk_modulus"), problem, "check mass, volumes and bulk modulus")
+    fastest = flow / min(c.area_1, c.area_2)
+    yield (
+        not 0.01 <= fastest <= 2.0, not 1e-3 <= fastest <= 10.0,
+        ("pump_displacement", "piston_area_1", "max_speed"),
+        f"the piston's largest speed would be {1e3 * fastest:.3g} mm/s",
+        "check displacement, areas and largest speed",
+    )  # fmt: skip
+    lost = unit.pump.total_leakage * a.relief_pressure / flow
+    problem = f"at the relief setting {100 * lost:.3g} % of the largest flow leaks away"
+    yield not 1e-3 <= lost <= 0.3, lost > 0.8, ("leakage",), problem, "check the leakage and its unit"
+    needed, available = unit.pump.displacement * a.relief_pressure, d.torque_constant * d.current_limit
+    yield (
+        not 0.7 <= available / needed <= 20.0, False,
+        ("torque_constant", "current_limit", "pump_displacement"),
+        f"the motor gives {available:.3g} N*m, the pump takes {needed:.3g} N*m at the relief setting",
+        "check torque constant, current limit and displacement",
+    )  # fmt: skip
+    frequency, keys = resonance(unit), ("moving_mass", "bulk_modulus")
+    problem = f"the hydraulic resonance would be at {frequency:.3g} Hz"
+    yield not 2.0 <= frequency <= 2000.0, False, keys, problem, "check mass, volumes and bulk modulus"
 
 
-def _flow(values: dict[str, float]) -> Iterator[Remark]:
-    rated, ideal = values["rated_flow"], values["pump_displacement"] * values["max_speed"]
-    ratio = rated / ideal
-    if not 0.6 <= ratio <= 1.1:
-        problem = (
-            f"displacement times largest speed gives {LITRES_PER_MINUTE * ideal:.3g} L/min, the rated flow "
-            f"is {LITRES_PER_MINUTE * rated:.3g} L/min"
-        )
-        off = max(ratio, 1.0 / ratio)
-        slip = next((f" (off by nearly {name})" for name, f in SLIPS.items() if abs(off / f - 1.0) < 0.2), "")
-        yield Remark(
-            ("pump_displacement", "max_speed", "rated_flow"),
-            problem,
-            f"check the units of displacement, speed and flow{slip}",
-            impossible=not 0.3 <= ratio <= 2.0,
-        )
-
-
-SLIPS = {
-    "2π: turn or radian": 2.0 * math.pi,
-    "60/2π: rpm or rad/s": 30.0 / math.pi,
-    "60: minute or second": 60.0,
-}
-"""Factors that a mistaken unit of measure makes."""
-
-
-def _rated(values: dict[str, float]) -> Iterator[Remark]:
-    rated = values["rated_pressure"]
-    if values["relief_pressure"] < rated:
-        problem = f"the relief setting, {_bar(values['relief_pressure'])}, is below the rated {_bar(rated)}"
-        yield Remark(("relief_pressure", "rated_pressure"), problem, "check both units", impossible=True)
-    elif values["relief_pressure"] > 2.0 * rated:
-        problem = (
-            f"the relief setting, {_bar(values['relief_pressure'])}, is far above the rated {_bar(rated)}"
-        )
-        yield Remark(("relief_pressure", "rated_pressure"), problem, "check both units of measure")
-    if values["pressure_full_scale"] < rated:
-        end = _bar(values["pressure_full_scale"])
-        problem = f"the pressure sensors end at {end}, below the rated {_bar(rated)}"
-        yield Remark(("pressure_full_scale", "rated_pressure"), problem, "check both units of measure")
-    lost = values["leakage"] * rated / values["rated_flow"]
-    if lost > 0.5:
-        problem = f"at the rated pressure {lost:.0%} of the rated flow leaks away"
-        yield Remark(("leakage",), problem, "check the leakage and its unit", impossible=True)
+def _sheet(values: dict[str, float]) -> Iterator[Check]:
+    """What the sheet's own figures say beside each other."""
+    flow, ideal = values["rated_flow"], values["pump_displacement"] * values["max_speed"]
+    ratio = flow / ideal
+    off = max(ratio, 1.0 / ratio)
+    slip = next((f" (off by nearly {name})" for name, f in SLIPS.items() if abs(off / f - 1.0) < 0.2), "")
+    yield (
+        not 0.6 <= ratio <= 1.1, not 0.3 <= ratio <= 2.0, ("pump_displacement", "max_speed", "rated_flow"),
+        f"displacement times largest speed gives {LITRES_PER_MINUTE * ideal:.3g} L/min, the rated flow "
+        f"is {LITRES_PER_MINUTE * flow:.3g} L/min",
+        f"check the units of displacement, speed and flow{slip}",
+    )  # fmt: skip
+    rated, relief, end = (values[n] for n in ("rated_pressure", "relief_pressure", "pressure_full_scale"))
+    keys: tuple[str, ...] = ("relief_pressure", "rated_pressure")
+    below, setting = relief < rated, f"the relief setting, {_bar(relief)}, is"
+    yield below, below, keys, f"{setting} below the rated {_bar(rated)}", "check both units"
+    problem = f"{setting} far above the rated {_bar(rated)}"
+    yield relief > 2.0 * rated, False, keys, problem, "check both units of measure"
+    keys, problem = (
+        ("pressure_full_scale", "rated_pressure"),
+        f"the pressure sensors end at {_bar(end)}, below",
+    )
+    yield end < rated, False, keys, f"{problem} the rated {_bar(rated)}", "check both units of measure"
+    lost = values["leakage"] * rated / flow
+    problem = f"at the rated pressure {lost:.0%} of the rated flow leaks away"
+    yield lost > 0.5, lost > 0.5, ("leakage",), problem, "check the leakage and its unit"
 
 
 def _bar(pressure: float) -> str:

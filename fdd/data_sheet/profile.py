@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from fdd.data_sheet.answers import Answers
-from fdd.data_sheet.questions import QUESTIONS
+from fdd.data_sheet.answers import QUESTIONS, Answers
 from fdd.unit import UNIT_SCHEMA, Unit
 from fdd.yaml_reading import yaml_of
 

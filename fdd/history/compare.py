@@ -39,26 +39,18 @@ def compare(a: Side, b: Side, unit: Unit) -> tuple[Comparison, list[Spectrum]]:
     measured = has(a.samples, "oil_temperature") and has(b.samples, "oil_temperature")
     changes = estimate_changes(a.answer, b.answer, unit, measured=measured)
     spectra = spectra_of(a.samples, b.samples)
-    notes = (
-        [] if measured else ["Oil temperature is not measured in both logs: leakage is compared as it was."]
-    )
+    warm = "Oil temperature is not measured in both logs: leakage is compared as it was."
+    notes = [] if measured else [warm]
     notes += [note for note in a.answer.quality.notes if note in b.answer.quality.notes]
     blind = [ESTIMATED[c.quantity][2].lower() for c in changes if c.changed is None]
     if blind:
         notes.append(f"Not shown by both logs: {', '.join(blind)}.")
     found = Comparison(
-        headline=_headline(changes, a.answer, b.answer),
-        unit=unit.name,
-        axis=a.answer.axis,
-        a=_said(a.answer),
-        b=_said(b.answer),
-        test=TEST,
-        estimates=changes,
-        balances=_closures(a.trajectories, b.trajectories),
-        duty=duty_rows(a.samples, b.samples),
+        headline=_headline(changes, a.answer, b.answer), unit=unit.name, axis=a.answer.axis,
+        a=_said(a.answer), b=_said(b.answer), test=TEST, estimates=changes, notes=notes,
+        balances=_closures(a.trajectories, b.trajectories), duty=duty_rows(a.samples, b.samples),
         lines=changed_lines(spectra, a.samples, b.samples),
-        notes=notes,
-    )
+    )  # fmt: skip
     return found, spectra
 
 

@@ -28,18 +28,15 @@ def compare_sheet(found: Comparison, spectra: Sequence[Spectrum]) -> Sheet:
     blind = all(c.changed is None for c in found.estimates)
     return Sheet(
         kicker=f"{found.a.log} (A) and {found.b.log} (B), unit {found.unit}, axis {found.axis}",
-        headline=found.headline[:1].upper() + found.headline[1:],
+        headline=found.headline,
         kind="inconclusive" if quiet and blind else "healthy" if quiet else "faulty",
         remarks=[*verdict_lines(found), *found.notes],
         tables=compare_tables(found),
         sections=[
-            Section(
-                "Spectra",
-                "Welch's power density of what both logs measure, segments of 2 s.",
-                [_figure(s) for s in spectra],
-            )
+            Section("Spectra", "Welch's power density of what both logs measure, segments of 2 s.",
+                    [_figure(s) for s in spectra])
         ],
-    )
+    )  # fmt: skip
 
 
 def compare_tables(found: Comparison) -> list[Table]:
@@ -49,23 +46,18 @@ def compare_tables(found: Comparison) -> list[Table]:
     conditions = "; ".join(given)
     tables = [
         Table(
-            "Estimates at the end",
-            ("Quantity", "A ± std", "B ± std", "B − A ± std", "Changed, p"),
+            "Estimates at the end", ("Quantity", "A ± std", "B ± std", "B − A ± std", "Changed, p"),
             [_estimate(c) for c in found.estimates],
-            f"{conditions[:1].upper() + conditions[1:]}. Test: {found.test}.",
-            marked=changed,
+            f"{conditions[:1].upper() + conditions[1:]}. Test: {found.test}.", marked=changed,
         ),
         Table(
-            "How well the balances close",
-            ("Balance", "A", "B", "B over A"),
+            "How well the balances close", ("Balance", "A", "B", "B over A"),
             [_balance(c) for c in found.balances],
             "Root mean square of each balance's misfit over the log, in what the profile's healthy one is: "
             "about 1 while healthy.",
         ),
         Table(
-            "Duty",
-            ("Signal", "Unit", "A", "B"),
-            [_duty(row) for row in found.duty],
+            "Duty", ("Signal", "Unit", "A", "B"), [_duty(row) for row in found.duty],
             "5th, 50th and 95th percentile, of speeds, pressures, current and load as magnitudes. "
             "Another duty explains much that differs.",
         ),
@@ -76,7 +68,7 @@ def compare_tables(found: Comparison) -> list[Table]:
             "Against the frequencies around, 1 % over all of them (F test). No order where the speed varies.",
             marked={k for k, x in enumerate(found.lines) if x.beyond_chance},
         ),
-    ]
+    ]  # fmt: skip
     return [t for t in tables if t.rows]
 
 
@@ -94,14 +86,8 @@ def _balance(c: Closure) -> tuple[str, ...]:
 def _estimate(change: EstimateChange) -> tuple[str, ...]:
     _, unit, title = ESTIMATED[change.quantity]
     k = DISPLAY_SCALE[change.quantity]
-    texts = [
-        with_std(value * k, std * k) if value is not None and std is not None else NOTHING
-        for value, std in (
-            (change.a, change.a_std),
-            (change.b, change.b_std),
-            (change.difference, change.std),
-        )
-    ]
+    pairs = ((change.a, change.a_std), (change.b, change.b_std), (change.difference, change.std))
+    texts = [NOTHING if v is None or std is None else with_std(v * k, std * k) for v, std in pairs]
     told = {True: "yes, ", False: "no, ", None: "not shown"}[change.changed]
     p = "" if change.p_holm is None else number(change.p_holm, 2)
     return f"{title} ({unit})", *texts, told + p

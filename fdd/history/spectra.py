@@ -73,15 +73,11 @@ def changed_lines(spectra: list[Spectrum], a: Samples, b: Samples) -> list[Line]
         up = beside[k] > 0.0
         freedom = s.freedom[::-1] if up else s.freedom
         limit = float(np.log(fisher.isf(CHANCE / (2.0 * bins), *freedom)))
-        found.append(
-            Line(
-                channel=s.channel,
-                frequency_hz=round(float(s.frequency[k]), 2),
-                ratio=float(np.exp(ratio[k])),
-                order=_order(b if up else a, float(s.frequency[k])),
-                beyond_chance=abs(beside[k]) > limit,
-            )
-        )
+        order = _order(b if up else a, float(s.frequency[k]))
+        found.append(Line(
+            channel=s.channel, frequency_hz=round(float(s.frequency[k]), 2), ratio=float(np.exp(ratio[k])),
+            order=order, beyond_chance=abs(beside[k]) > limit,
+        ))  # fmt: skip
     return sorted(found, key=lambda x: (not x.beyond_chance, -abs(np.log(x.ratio))))
 
 

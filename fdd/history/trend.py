@@ -89,16 +89,9 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -
     if dated and any(at[id(b)] < end - 1.0 / DAY_S for b, end in zip(read[1:], ends, strict=False)):
         notes.append(OVERLAPPING)
     life = Life(
-        headline=_headline(trends, logs, each, warned=bool(notes)),
-        unit=read[0].unit,
-        axis=read[0].axis,
-        order="started_at" if dated else "name",
-        per=per,
-        each=each,
-        logs=logs,
-        trends=trends,
-        notes=notes,
-    )
+        headline=_headline(trends, logs, each, warned=bool(notes)), unit=read[0].unit, axis=read[0].axis,
+        order="started_at" if dated else "name", per=per, each=each, logs=logs, trends=trends, notes=notes,
+    )  # fmt: skip
     if counted and not np.ptp(_warmth(counted)):
         life.notes.append(f"No {each} tells an oil temperature of its own: none is taken out.")
     return life, courses
@@ -124,12 +117,9 @@ def _warmth(answers: Sequence[Diagnosis]) -> Array:
 
 
 def _fit(
-    name: str,
-    answers: Sequence[Diagnosis],
-    at: dict[int, float],
-    limit: tuple[float | None, float | None],
+    name: str, answers: Sequence[Diagnosis], at: dict[int, float], limit: tuple[float | None, float | None],
     each: Each,
-) -> Course | None:
+) -> Course | None:  # fmt: skip
     """The quantity over time; None where no log shows it."""
     shown = [
         (a, pair[0] / e.baseline, pair[1] / e.baseline)
@@ -146,9 +136,8 @@ def _fit(
         count = f"{len(shown)} {each}" + ("" if len(shown) == 1 else "s")
         why = f"{count} tell of it; a line needs {LEAST_LOGS}, at several times"
         points = _points(logs, time, factors, stds)
-        return Course(
-            Trend(quantity=name, temperature="not taken out", sentence=why, points=points), none, none, none
-        )
+        untold = Trend(quantity=name, temperature="not taken out", sentence=why, points=points)
+        return Course(untold, none, none, none)
     # From the last log backwards, in spans of all: numbers near one, and what is wanted of it at hand.
     scaled = (time - time[-1]) / span
     warmth, between = _warmth([a for a, _, _ in shown]), BETWEEN[name]
@@ -170,17 +159,11 @@ def _trend(
     slope = float(line.coefficients[1]) / span
     low, high = line.interval(1)
     trend = Trend(
-        quantity=name,
-        temperature=found.way,
-        likelihood_gain=found.gain,
-        points=points,
-        between=line.between,
-        slope=slope,
-        slope_interval=(low / span, high / span),
-        p_value=line.p_value(1),
-        last=max(float(line.coefficients[0]), 0.0),
+        quantity=name, temperature=found.way, likelihood_gain=found.gain, points=points,
+        between=line.between, slope=slope, slope_interval=(low / span, high / span),
+        p_value=line.p_value(1), last=max(float(line.coefficients[0]), 0.0),
         limit=limit[1] if slope > 0.0 else limit[0],
-    )
+    )  # fmt: skip
     crossed = None if trend.limit is None else line.crossing(trend.limit)
     if crossed is not None:
         until, least, most = (max(t, 0.0) * span for t in crossed)

@@ -30,7 +30,7 @@ def trend_sheet(life: Life, courses: Sequence[Course]) -> Sheet:
     fitted = any(t.slope is not None for t in life.trends)
     return Sheet(
         kicker=f"Unit {life.unit}, axis {life.axis}, {len(life.logs)} {life.each}s",
-        headline=life.headline[:1].upper() + life.headline[1:],
+        headline=life.headline,
         kind="faulty" if told else "healthy" if fitted else "inconclusive",
         remarks=life.notes,
         tables=trend_tables(life),
@@ -65,59 +65,42 @@ def trend_tables(life: Life) -> list[Table]:
         for x in life.logs
     ]
     logs_title = f"{life.each.capitalize()}s"
+    spread = f"Std of {life.each}s"
+    heads = ("Quantity", logs_title, "Temperature", spread, "First", "Last", "p (Holm)", "Trend")
     return [
         Table(
-            "Trends",
-            (
-                "Quantity",
-                logs_title,
-                "Temperature",
-                f"Std of {life.each}s",
-                "First",
-                "Last",
-                "p (Holm)",
-                "Trend",
-            ),
-            trends,
+            "Trends", heads, trends,
             "Weighted least squares with scatter between them (REML, Knapp and Hartung); a trend is told at "
             "5 % over all quantities together (Holm). Limits are severity 1, unless given.",
-            numbers=False,
-            marked={k for k, t in enumerate(life.trends) if t.direction},
+            numbers=False, marked={k for k, t in enumerate(life.trends) if t.direction},
         ),
         Table(
-            logs_title,
-            (life.each.capitalize(), "Began", "Verdict", *titles),
-            logs,
-            "Estimates as factors of the profile's, ± standard deviation.",
-            numbers=False,
+            logs_title, (life.each.capitalize(), "Began", "Verdict", *titles), logs,
+            "Estimates as factors of the profile's, ± standard deviation.", numbers=False,
         ),
-    ]
+    ]  # fmt: skip
 
 
 def trend_csv(life: Life) -> str:
     """trend.csv: one row a log; comma, point, UTF-8 with a byte order mark."""
-    names = [t.quantity for t in life.trends]
-    points = {t.quantity: {p.log: p for p in t.points} for t in life.trends}
+    points = {t.quantity: {p.log: (p.value, p.std) for p in t.points} for t in life.trends}
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\r\n")
-    columns = [f"{n}{end}" for n in names for end in ("", "_std")]
+    columns = [f"{name}{end}" for name in points for end in ("", "_std")]
     writer.writerow(["log", "started_at", f"{life.per}s", "verdict", "faults", *columns, "left_out"])
     for x in life.logs:
-        found = [points[n].get(x.log) for n in names]
-        figures = [v for p in found for v in ((None, None) if p is None else (p.value, p.std))]
-        plain = [None if v is None else float(f"{v:.6g}") for v in (x.at, *figures)]
-        writer.writerow(
-            [cell(x.log), x.started_at, plain[0], x.verdict, " ".join(x.faults), *plain[1:], cell(x.left_out)]
-        )
+        figures = [v for found in points.values() for v in found.get(x.log, (None, None))]
+        at, *plain = [None if v is None else float(f"{v:.6g}") for v in (x.at, *figures)]
+        faults = " ".join(x.faults)
+        writer.writerow([cell(x.log), x.started_at, at, x.verdict, faults, *plain, cell(x.left_out)])
     return "\ufeff" + out.getvalue()
 
 
 def _figure(course: Course, life: Life) -> Figure:
     trend = course.trend
     alarmed = {x.log for x in life.logs if x.faults}
-    start = (
-        next((x.started_at for x in life.logs if x.at == 0.0), None) if life.order == "started_at" else None
-    )
+    dated = (x.started_at for x in life.logs if x.at == 0.0 and life.order == "started_at")
+    start = next(dated, None)
 
     def places(at: NDArray[np.float64]) -> Any:
         """Dates, or the logs' numbers."""
@@ -159,9 +142,8 @@ def _figure(course: Course, life: Life) -> Figure:
     undated = {"title": {"text": "log, in the order of names"}}
     layout["xaxis"] = undated if start is None else {"type": "date"}
     title = ESTIMATED[trend.quantity][2]
-    return Figure(
-        f"trend-{trend.quantity}", title, data, layout, "over the healthy one", trend.sentence, height=320
-    )
+    name, unit = f"trend-{trend.quantity}", "over the healthy one"
+    return Figure(name, title, data, layout, unit, trend.sentence, height=320)
 
 
 def _view(course: Course) -> list[float]:

@@ -1,4 +1,4 @@
-"""Classifiers of faults on the features of logs, and those features, as scikit-learn's estimators.
+"""A classifier of faults on the features of logs, as scikit-learn's estimators.
 
 `FaultClassifier` is thin over scikit-learn: what is missing is filled in, heavy tails are drawn in, a
 logistic regression or boosted trees decide, and their probabilities are calibrated on rows that they have
@@ -7,13 +7,11 @@ not seen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Literal, Self
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.ensemble import GradientBoostingClassifier
 from sklearn.impute import SimpleImputer
@@ -24,45 +22,7 @@ from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from fdd.learning.features import FEATURES, log_features
-from fdd.samples import Samples
-from fdd.unit import Unit
-
 Array = NDArray[np.float64]
-
-
-class LogFeatures(TransformerMixin, BaseEstimator):
-    """Logs to their features: the first step of a pipeline that takes logs.
-
-    It learns nothing. A log comes as its samples and the profile of its unit, best an identified one.
-
-    Examples
-    --------
-    >>> log = Samples([0.0], {"position": [0.0]}), Unit.load("axis_a")
-    >>> LogFeatures().fit_transform([log])["has_position"].tolist()
-    [1.0]
-    """
-
-    def fit(self, X: Sequence[tuple[Samples, Unit]], y: object = None) -> Self:
-        """Nothing; `X` and `y` are not looked at."""
-        return self
-
-    def transform(self, X: Sequence[tuple[Samples, Unit]]) -> pd.DataFrame:
-        """A row of `FEATURES` (SI) for each log.
-
-        Raises
-        ------
-        InputError : a log whose channels do not suffice.
-        """
-        rows = [row for samples, unit in X for _, _, _, row in log_features(samples, unit)]
-        return pd.DataFrame(rows, columns=list(FEATURES))
-
-    def get_feature_names_out(self, input_features: object = None) -> NDArray[np.object_]:
-        """Names of the columns."""
-        return np.array(list(FEATURES), dtype=object)
-
-    def __sklearn_is_fitted__(self) -> bool:
-        return True
 
 
 class FaultClassifier(ClassifierMixin, BaseEstimator):
@@ -169,22 +129,10 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
 
 
 def logistic() -> FaultClassifier:
-    """A regularised logistic regression: good on a hundred logs.
-
-    Examples
-    --------
-    >>> logistic().kind
-    'logistic'
-    """
+    """A regularised logistic regression: good on a hundred logs."""
     return FaultClassifier("logistic", strength=0.3)
 
 
 def boosting() -> FaultClassifier:
-    """Boosted trees: better from some hundred logs on.
-
-    Examples
-    --------
-    >>> boosting().kind
-    'boosting'
-    """
+    """Boosted trees: better from some hundred logs on."""
     return FaultClassifier("boosting", random_state=0)

@@ -1,4 +1,4 @@
-"""What the diagnosis knows of a log, as numbers for other learners: one row a log, or one a window.
+"""What the diagnosis knows of a log, as numbers for other learners: one row a log.
 
 Nothing is worked out a second time: misfits, fits and estimates are those that the answer was made of.
 """
@@ -6,7 +6,6 @@ Nothing is worked out a second time: misfits, fits and estimates are those that 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -81,23 +80,21 @@ FEATURES = _features()
 """Column to what it is, in the order of the columns: the same for every log. NaN: not told."""
 
 
-def features_of(pipeline: Pipeline, answer: Diagnosis, samples: Samples, since: float = 0.0) -> Row:
-    """The features of what a pipeline has taken so far.
+def features_of(pipeline: Pipeline, answer: Diagnosis, samples: Samples) -> Row:
+    """The features of a log.
 
     Parameters
     ----------
-    pipeline, answer : after its `finish`, which gave the answer.
-    samples : of the row's time, for the duty.
-    since : s, start of the row's time, for the misfits. Fits and estimates are of all that was pushed, but no
-        more than the last two and a half minutes of evidence.
+    pipeline, answer : after its `finish`, which gave the answer. samples : of the log, for the duty. Fits are
+        of no more than the last two and a half minutes of evidence.
 
     Returns
     -------
     A number for each of `FEATURES`, SI.
     """
     row = dict.fromkeys(FEATURES, math.nan)
-    ends, names, misfits = pipeline.misfits()
-    for name, values in zip(names, misfits[ends > since + 1e-9].T, strict=True):
+    _, names, misfits = pipeline.misfits()
+    for name, values in zip(names, misfits.T, strict=True):
         told = values[values > 0.0]  # 0 stands for a half second that told nothing
         if told.size:
             row[f"misfit_{name}"], row[f"misfit_{name}_max"] = float(told.mean()), float(told.max())
@@ -168,21 +165,12 @@ def _rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def log_features(
-    samples: Samples, unit: Unit, model: Model | None = None, window: float | None = None
-) -> Iterator[tuple[float, float, Diagnosis, Row]]:
-    """Diagnose a log and give its features.
+def log_features(samples: Samples, unit: Unit, model: Model | None = None) -> tuple[Diagnosis, Row]:
+    """Diagnose a log: its answer, and its features.
 
     Parameters
     ----------
     unit : its profile, best one that was identified. model : see `Pipeline`.
-    window : s of each row; None takes the whole log as one. Windows are told one after another, as they would
-        be live: each knows the evidence of those before it. A rest shorter than half a window is left out,
-        unless there is nothing else.
-
-    Yields
-    ------
-    Start and end of the row (s), the answer at its end, and its features.
 
     Raises
     ------
@@ -190,21 +178,11 @@ def log_features(
 
     Examples
     --------
-    >>> (_, _, answer, row), = log_features(Samples([0.0], {"position": [0.0]}), Unit.load("axis_a"))
+    >>> answer, row = log_features(Samples([0.0], {"position": [0.0]}), Unit.load("axis_a"))
     >>> answer.verdict, row["has_position"], row["has_pressure_1"]
     ('inconclusive', 1.0, 0.0)
     """
     pipeline = Pipeline(unit, model, keep_trajectories=False)
-    first, last = float(samples.time[0]), float(samples.time[-1])
-    whole = last - first
-    count = 1 if window is None else max(math.floor(whole / window + 0.5 + 1e-6), 1)
-    edges = [first, last] if count == 1 else [first + k * (window or whole) for k in range(count + 1)]
-    places = np.searchsorted(samples.time, edges)
-    places[-1] = np.searchsorted(samples.time, edges[-1], side="right")
-    for start, end, a, b in zip(
-        edges[:-1], edges[1:], places[:-1].tolist(), places[1:].tolist(), strict=True
-    ):
-        rows = samples.rows(a, b)
-        pipeline.push(rows)
-        answer = pipeline.finish()
-        yield start, min(end, last), answer, features_of(pipeline, answer, rows, start)
+    pipeline.push(samples)
+    answer = pipeline.finish()
+    return answer, features_of(pipeline, answer, samples)

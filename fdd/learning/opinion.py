@@ -13,23 +13,19 @@ from fdd.samples import Samples
 
 
 def require_usable(stored: StoredClassifier, where: str) -> None:
-    """Refuse a classifier that a whole log's features do not suit.
+    """Refuse a classifier that a log's features do not suit.
 
     Raises
     ------
     InputError : of windows, or of features that this version does not have.
     """
     if stored.window_s is not None:
-        raise InputError(
-            f"was trained on windows of {stored.window_s:g} s", where=where,
-            mend="train it on features of whole logs (without --window)",
-        )  # fmt: skip
+        problem = f"was trained on windows of {stored.window_s:g} s"
+        raise InputError(problem, where=where, mend="train it on features of whole logs")
     missing = next((name for name in stored.features if name not in FEATURES), None)
     if missing is not None:
-        raise InputError(
-            f"wants the feature {missing}, which this version does not have", where=where,
-            mend=f"train it anew; it is of fdd {stored.fdd}",
-        )  # fmt: skip
+        problem = f"wants the feature {missing}, which this version does not have"
+        raise InputError(problem, where=where, mend=f"train it anew; it is of fdd {stored.fdd}")
 
 
 def opinion(
@@ -53,9 +49,8 @@ def opinion(
         if given.size != len(classes) or not np.isfinite(given).all():
             raise ValueError("no probability for each class")
     except Exception as error:
-        raise InputError(
-            f"gives no answer ({type(error).__name__}: {error})", where=name, mend=MEND
-        ) from None
+        problem = f"gives no answer ({type(error).__name__}: {error})"
+        raise InputError(problem, where=name, mend=MEND) from None
     probabilities = {c: round(float(p), 4) for c, p in zip(classes, given, strict=True)}
     return SecondOpinion(
         classifier=name, target=stored.target, answer=classes[int(given.argmax())],

@@ -55,11 +55,10 @@ class LineParser:
     ----------
     channel_map : names and units of the lines' keys; the contract's names in SI without one.
         `wrap`, `sign_of` of an angle and topics need a whole log and are refused.
-    after, offset : s; last time of an earlier run and its clock offset, to go on from.
 
     Attributes
     ----------
-    malformed : lines that were no JSON object with a time and numbers.
+    clock : of the stream. malformed : lines that were no JSON object with a time and numbers.
 
     Examples
     --------
@@ -70,34 +69,18 @@ class LineParser:
     1
     """
 
-    def __init__(
-        self,
-        channel_map: ChannelMap | None = None,
-        *,
-        after: float = float("nan"),
-        offset: float = float("nan"),
-    ) -> None:
+    def __init__(self, channel_map: ChannelMap | None = None) -> None:
         self._sources = stream_sources(channel_map)
         if "time" not in self._sources:
             raise InputError("channel map: no time channel", mend="add e.g. time: {column: t, unit: s}")
         self._keys = keys_of(self._sources)
         self.malformed = 0
-        self._clock, self._gaps = StreamClock(after, offset), Gaps()
+        self.clock, self._gaps = StreamClock(), Gaps()
         self._not_finite = self._nan = 0
         self._unknown: dict[str, None] = {}
         self._remarks: list[str] = []
         self._unchecked: list[Samples] | None = []
         self._told_malformed = False
-
-    @property
-    def last_time(self) -> float:
-        """s, of the last sample given."""
-        return self._clock.last_time
-
-    @property
-    def offset(self) -> float:
-        """s, added to the stream's stamps."""
-        return self._clock.offset
 
     def samples(self, lines: list[bytes]) -> Samples:
         """The block that these lines hold, perhaps empty.
@@ -115,7 +98,7 @@ class LineParser:
         stamped = np.isfinite(time)
         self._count_malformed(int((~stamped).sum()))
         time, columns = time[stamped], {n: v[stamped] for n, v in columns.items()}
-        time, kept = self._clock.follow(time)
+        time, kept = self.clock.follow(time)
         block = Samples(time[kept], {n: self._finite(v[kept]) for n, v in columns.items()})
         self._account(block)
         return block
@@ -201,9 +184,9 @@ class LineParser:
             f"{text}: {count}"
             for count, text in (
                 (self.malformed, "malformed lines left out"),
-                (self._clock.late, "late or repeated lines left out"),
+                (self.clock.late, "late or repeated lines left out"),
                 (self._not_finite, "infinite values taken as missing"),
-                (self._clock.resets, "times that the clock was set"),
+                (self.clock.resets, "times that the clock was set"),
             )
             if count
         ]
@@ -218,5 +201,5 @@ class LineParser:
 
     def remarks(self) -> list[str]:
         """Notes that are new since the last call."""
-        out, self._remarks = self._remarks + self._clock.remarks(), []
+        out, self._remarks = self._remarks + self.clock.remarks(), []
         return out

@@ -11,7 +11,8 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.identification.log_scales import StreamScales
 from fdd.monitor.clock import Clock
 from fdd.monitor.sources import Source
-from fdd.samples import Samples
+
+SAVE_EVERY_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,6 @@ def watch(
     duration: float | None = None,
     status_every: float | None = None,
     save: Callable[[float], None] | None = None,
-    save_every: float = 60.0,
     scales: StreamScales | None = None,
 ) -> Diagnosis:
     """Diagnose what a source gives until it ends, or until told to stop.
@@ -68,7 +68,7 @@ def watch(
     stopped : asked after each block.
     duration : s of the stream after which to end; None goes on.
     status_every : s between `Status` events; None gives none.
-    save, save_every : called with the last sample's time (s) every so many s, and at the end.
+    save : called with the last sample's time (s) every minute, and at the end.
     scales : holds the stream against its profile.
 
     Returns
@@ -78,10 +78,6 @@ def watch(
     Raises
     ------
     InputError : channels that do not suffice, or are in another unit of measure.
-
-    Examples
-    --------
-    >>> answer = watch(source, Pipeline(unit, keep_trajectories=False), print, clock=clock)  # doctest: +SKIP
     """
     first = last = math.nan
     status_due = saved_at = clock.now()
@@ -91,7 +87,8 @@ def watch(
         if len(block):
             first = float(block.time[0]) if math.isnan(first) else first
             if duration is not None:
-                block = _until(block, first + duration)
+                # A stamp at the end itself still belongs to the span, whatever its last digit.
+                block = block.rows(0, int((block.time <= first + duration + 1e-9).sum()))
         if len(block):
             last = float(block.time[-1])
             for text in scales.push(block) if scales is not None else ():
@@ -101,8 +98,9 @@ def watch(
         now = clock.now()
         if status_every is not None and now >= status_due and not math.isnan(last):
             status_due = now + status_every
-            emit(_status(last, pipeline))
-        if save is not None and now - saved_at >= save_every and not math.isnan(last):
+            told = pipeline.finish()
+            emit(Status(last, told.samples, told.verdict, told.probabilities, told.estimates))
+        if save is not None and now - saved_at >= SAVE_EVERY_S and not math.isnan(last):
             saved_at = now
             save(last)
         over = duration is not None and last - first >= duration - 1e-9
@@ -113,13 +111,3 @@ def watch(
     if save is not None and not math.isnan(last):
         save(last)
     return pipeline.finish(source.quality())
-
-
-def _until(block: Samples, end: float) -> Samples:
-    # A stamp at the end itself still belongs to the span, whatever its last digit.
-    return block.rows(0, int((block.time <= end + 1e-9).sum()))
-
-
-def _status(time: float, pipeline: Pipeline) -> Status:
-    now = pipeline.finish()
-    return Status(time, now.samples, now.verdict, now.probabilities, now.estimates)

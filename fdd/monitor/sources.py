@@ -65,32 +65,11 @@ class Replay:
     samples, quality : of the log.
     speed : times real time; None is as fast as the machine can.
     clock : what it waits with.
-    after : s; rows up to this time were seen by an earlier run and are passed over.
-
-    Examples
-    --------
-    >>> source = Replay(samples, Quality(), speed=None, clock=WallClock(stop))  # doctest: +SKIP
-    >>> sum(len(block) for block in source) == len(samples)  # doctest: +SKIP
-    True
     """
 
-    def __init__(
-        self,
-        samples: Samples,
-        quality: Quality,
-        *,
-        speed: float | None,
-        clock: Clock,
-        after: float = float("nan"),
-    ) -> None:
-        first = 0 if np.isnan(after) else int(np.searchsorted(samples.time, after, side="right"))
-        self.samples = samples.rows(first, len(samples))
-        self._quality = quality
-        self._speed = speed
-        self._clock = clock
-        self._remarks = []
-        if first:
-            self._remarks.append(f"{first} samples up to {after:.3f} s were seen before and are passed over")
+    def __init__(self, samples: Samples, quality: Quality, *, speed: float | None, clock: Clock) -> None:
+        self.samples = samples
+        self._quality, self._speed, self._clock = quality, speed, clock
 
     def __iter__(self) -> Iterator[Samples]:
         if self._speed is None:
@@ -111,9 +90,8 @@ class Replay:
         return self._quality
 
     def remarks(self) -> list[str]:
-        """Notes that are new since the last call."""
-        out, self._remarks = self._remarks, []
-        return out
+        """None: the reader has told all."""
+        return []
 
 
 class JsonLines:
@@ -127,16 +105,10 @@ class JsonLines:
     read : gives at most that many bytes as soon as there are any; empty at the end.
     parser : turns lines into samples.
     clock : tells when a block is due.
-
-    Examples
-    --------
-    >>> source = JsonLines(lambda n: os.read(0, n), LineParser(), clock)  # doctest: +SKIP
     """
 
     def __init__(self, read: Callable[[int], bytes], parser: LineParser, *, clock: Clock) -> None:
-        self._read = read
-        self._parser = parser
-        self._clock = clock
+        self._read, self._parser, self._clock = read, parser, clock
         self._chunks: queue.Queue[bytes | BaseException] = queue.Queue(maxsize=64)
 
     def __iter__(self) -> Iterator[Samples]:
@@ -161,13 +133,8 @@ class JsonLines:
             if chunk is None or ended or (pending and due):
                 yield self._parser.samples(pending)
                 pending = []
-        if np.isnan(self._parser.last_time):
+        if np.isnan(self._parser.clock.last_time):
             raise InputError("no samples came", mend='send lines such as {"time": 0.001, "position": 0.01}')
-
-    @property
-    def offset(self) -> float:
-        """s, what is added to the stream's stamps since its clock was set."""
-        return self._parser.offset
 
     def _pump(self) -> None:
         try:

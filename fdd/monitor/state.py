@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.bounds import MAX_STATE_BYTES
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.files import whole_file
-
-Array = NDArray[np.float64]
 
 CLOCK = "monitor/clock"
 """Last time given and the stream's clock offset, (2,) s."""
@@ -30,12 +26,8 @@ def save_state(path: Path, pipeline: Pipeline, *, last_time: float, offset: floa
     Raises
     ------
     InputError : it cannot be written.
-
-    Examples
-    --------
-    >>> save_state(Path("axis.npz"), pipeline, last_time=60.0, offset=0.0)  # doctest: +SKIP
     """
-    arrays: dict[str, Array] = {**pipeline.state(), CLOCK: np.array([last_time, offset])}
+    arrays = {**pipeline.state(), CLOCK: np.array([last_time, offset])}
     # Into an open file: to a name, savez would add .npz.
     with whole_file(path) as temporary, temporary.open("wb") as out:
         np.savez(out, **arrays)  # type: ignore[arg-type]
@@ -59,9 +51,9 @@ def load_state(path: Path, pipeline: Pipeline) -> tuple[float, float]:
         if size > MAX_STATE_BYTES:
             raise InputError(f"{size} bytes, at most {MAX_STATE_BYTES} are read", where=path, mend=mend)
         with np.load(path, allow_pickle=False) as stored:
-            arrays: Mapping[str, Array] = {name: stored[name] for name in stored.files}
+            arrays = {name: stored[name] for name in stored.files}
         last_time, offset = (float(v) for v in arrays[CLOCK])
-        pipeline.restore(dict(arrays))
+        pipeline.restore(arrays)
         return last_time, offset
     except InputError as error:
         raise (error if error.where == str(path) else error.at(path)) from None

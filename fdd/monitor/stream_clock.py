@@ -32,10 +32,6 @@ REST_KEPT = 0.8
 class StreamClock:
     """Turn a sender's stamps into times that only go on.
 
-    Parameters
-    ----------
-    after, offset : s; last time of an earlier run and its clock offset, to go on from.
-
     Attributes
     ----------
     last_time : s, of the last row given.
@@ -50,9 +46,8 @@ class StreamClock:
     ([5.0, 5.1, 6.1, 6.2], 1, 1)
     """
 
-    def __init__(self, after: float = float("nan"), offset: float = float("nan")) -> None:
-        self.last_time = after
-        self.offset = offset
+    def __init__(self) -> None:
+        self.last_time = self.offset = float("nan")
         self.late = self.resets = 0
         self._remarks: deque[str] = deque(maxlen=MOST_REMARKS)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from itertools import cycle
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -10,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, FaultFinding, Trajectories
+from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Trajectories
 from fdd.pictures import STYLE, require_matplotlib
 from fdd.report.decimate import break_at_gaps, decimate, envelope, intervals
 from fdd.report.plots import ESTIMATOR_TITLES, MEASURED, y_range
-from fdd.report.traces import BLUE, GREEN, GREY, LINE_COLOURS, ORANGE, PURPLE, SKY, VERMILLION
+from fdd.report.traces import BLUE, GREEN, GREY, LINE_COLOURS, ORANGE, SKY, VERMILLION
 from fdd.report.words import fault_title, headline
 from fdd.samples import Samples
 
@@ -30,9 +29,6 @@ PANELS = ("Position", "Pressures")
 BUCKETS = 1500
 SEVERAL = 10.0
 """Times the threshold from which on the statistic has a logarithmic axis."""
-CHAMBERS = ("pressure_1", "pressure_2")
-MARKS = ("black", "#6A4C93", SKY, ORANGE)
-"""Colours of the faults' onsets and alarms."""
 TITLE_WIDTH = 85
 """Characters in a line of the title."""
 
@@ -53,10 +49,9 @@ def draw_diagnosis(diagnosis: Diagnosis, trajectories: Trajectories, samples: Sa
 
     names = [n for n in ESTIMATED if trajectories.time.size and trajectories.observable[n].any()]
     rows = len(PANELS) + len(names) + 1
+    size = (WIDTH_INCHES, PANEL_INCHES * rows + MARGIN_INCHES)
     with matplotlib.rc_context({**STYLE, "font.size": 8.5, "legend.fontsize": 8}):
-        figure = pyplot.figure(
-            figsize=(WIDTH_INCHES, PANEL_INCHES * rows + MARGIN_INCHES), dpi=150, layout="constrained"
-        )
+        figure = pyplot.figure(figsize=size, dpi=150, layout="constrained")
         panels = figure.subplots(rows, 1, sharex=True, squeeze=False).ravel()
         for axes, title in zip(panels, PANELS, strict=False):
             _signals(axes, title, samples)
@@ -64,15 +59,18 @@ def draw_diagnosis(diagnosis: Diagnosis, trajectories: Trajectories, samples: Sa
             _estimate(axes, name, diagnosis, trajectories)
         _statistic(panels[-1], trajectories)
         for axes in panels:
-            for fault, colour in zip(diagnosis.faults, cycle(MARKS), strict=False):
-                _mark(axes, fault, colour)
+            _mark_faults(axes, diagnosis)
         if len(samples):
             panels[-1].set_xlim(samples.time[0], samples.time[-1])
         panels[-1].set_xlabel("time (s)")
         figure.align_ylabels(panels)
         title = f"{diagnosis.log}: {headline(diagnosis)}" if diagnosis.log else headline(diagnosis)
         figure.suptitle(fill(title, TITLE_WIDTH))
-        _legend(figure, panels[len(PANELS) :])
+        # One legend for what the panels have in common, each kind once.
+        known = {name: handle for axes in panels[len(PANELS) :]
+                 for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)}  # fmt: skip
+        if known:
+            figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=4)
     return figure
 
 
@@ -82,23 +80,14 @@ def _line(axes: Any, time: Column, values: Column, **style: Any) -> None:
 
 def _signals(axes: Any, wanted: str, samples: Samples) -> None:
     title, unit, channels, factor = next(m for m in MEASURED if m[0] == wanted)
-    both = all(name in samples for name in CHAMBERS)
-    drawn = 0
-    for number, (channel, name) in enumerate(channels):
-        # Where both chambers are measured, their difference is seen between them.
-        if channel not in samples or (both and channel == "pressure_difference"):
-            continue
-        asked = channel == "position_setpoint"
-        _line(
-            axes, samples.time, factor * samples[channel], label=name,
-            color=VERMILLION if asked else (BLUE, VERMILLION, GREEN, PURPLE)[number],
-            linestyle=":" if asked else "-", linewidth=0.8,
-        )  # fmt: skip
-        drawn += 1
+    shown = [(channel, name) for channel, name in channels if channel in samples]
+    for number, (channel, name) in enumerate(shown):
+        style = ":" if channel == "position_setpoint" else "-"
+        _line(axes, samples.time, factor * samples[channel], label=name, color=LINE_COLOURS[number],
+              linestyle=style, linewidth=0.8)  # fmt: skip
     axes.set_ylabel(f"{title.lower()}\n({unit})")
-    if drawn > 1 or (drawn and wanted != PANELS[0]):
-        # Above the panel, where no signal is.
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), borderaxespad=0.0, ncols=drawn)
+    if shown:  # above the panel, where no signal is
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), borderaxespad=0.0, ncols=len(shown))
 
 
 def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> None:
@@ -106,25 +95,17 @@ def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajecto
     scale, time, seen = DISPLAY_SCALE[name], trajectories.time, trajectories.observable[name]
     lines, bands = [], []
     for number, (key, values) in enumerate(trajectories.estimates.items()):
-        value, std = scale * values[name], scale * trajectories.stds[key][name]
-        if not value.size:
+        if not values[name].size:
             continue
         colour, called = LINE_COLOURS[number], ESTIMATOR_TITLES.get(key, key.upper())
-        shown = np.where(seen, value, np.nan)
-        low, high = shown - 2.0 * std, shown + 2.0 * std
-        at, bottom, top = envelope(time, low, high, BUCKETS)
-        # The filters are often one on the other: the first is filled and solid, the others are outlines.
-        if number == 0:
-            axes.fill_between(
-                at, bottom, top, color=colour, alpha=0.2, linewidth=0.0, label=f"{called}, 95 %"
-            )
-            _line(axes, time, shown, color=colour, label=called)
-        else:
-            axes.plot(at, bottom, color=colour, linestyle=":", linewidth=0.8, label=f"{called}, 95 %")
-            axes.plot(at, top, color=colour, linestyle=":", linewidth=0.8)
-            _line(axes, time, shown, color=colour, linestyle=(0, (3, 3)), label=called)
+        shown = np.where(seen, scale * values[name], np.nan)
+        half = 2.0 * scale * trajectories.stds[key][name]
+        band = envelope(time, shown - half, shown + half, BUCKETS)
+        axes.fill_between(*band, color=colour, alpha=0.2, linewidth=0.0, label=f"{called}, 95 %")
+        # The filters are often one on the other: the first is solid.
+        _line(axes, time, shown, color=colour, linestyle=(0, (3, 3)) if number else "-", label=called)
         lines.append(shown)
-        bands += [low, high]
+        bands += [shown - half, shown + half]
     found = diagnosis.estimates.get(name)
     baseline = None if found is None or found.baseline is None else scale * found.baseline
     if baseline is not None:
@@ -134,12 +115,9 @@ def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajecto
     span = y_range(lines, bands, baseline)
     if span is not None:
         axes.set_ylim(*span)
-    axes.set_ylabel(f"{_short(title)}\n({unit.replace('1e-12', '10⁻¹²')})")
-
-
-def _short(title: str) -> str:
     short = title.removesuffix(" coefficient").removeprefix("Effective ")
-    return short if short.startswith("Coulomb") else short.lower()
+    short = short if short.startswith("Coulomb") else short.lower()
+    axes.set_ylabel(f"{short}\n({unit.replace('1e-12', '10⁻¹²')})")
 
 
 def _statistic(axes: Any, trajectories: Trajectories) -> None:
@@ -154,19 +132,10 @@ def _statistic(axes: Any, trajectories: Trajectories) -> None:
     axes.set_ylabel("test statistic\n(–)")
 
 
-def _mark(axes: Any, fault: FaultFinding, colour: str) -> None:
-    title = fault_title(fault.fault)
-    if fault.onset_interval is not None:
-        axes.axvspan(*fault.onset_interval, color="black", alpha=0.12, linewidth=0.0, label="onset, 80 %")
-    axes.axvline(fault.onset_s, color=colour, linestyle="--", linewidth=1.0, label=f"onset: {title}")
-    axes.axvline(fault.detected_s, color=colour, linewidth=1.2, label=f"alarm: {title}")
-
-
-def _legend(figure: Figure, panels: Iterable[Any]) -> None:
-    """One for what all panels have in common, each kind once."""
-    known: dict[str, Any] = {}
-    for axes in panels:
-        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-            known.setdefault(name, handle)
-    if known:
-        figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=4, handlelength=2.5)
+def _mark_faults(axes: Any, diagnosis: Diagnosis) -> None:
+    for fault, colour in zip(diagnosis.faults, cycle(("black", VERMILLION, SKY, ORANGE)), strict=False):
+        title = fault_title(fault.fault)
+        if fault.onset_interval is not None:
+            axes.axvspan(*fault.onset_interval, color="black", alpha=0.12, linewidth=0.0, label="onset, 80 %")
+        axes.axvline(fault.onset_s, color=colour, linestyle="--", linewidth=1.0, label=f"onset: {title}")
+        axes.axvline(fault.detected_s, color=colour, linewidth=1.2, label=f"alarm: {title}")

@@ -69,16 +69,12 @@ def render_index(rows: Sequence[Row], *, missing: int = 0, made: datetime | None
     counts = Counter(row.state for row in rows)
     script = part("index.js")
     return template("index.html").render(
-        title=f"Diagnosis of {len(rows)} logs",
+        title=f"Diagnosis of {len(rows)} logs", missing=missing, made=stamp(made), version=fdd.__version__,
         counts=[(state, counts[state]) for state in ORDER if counts[state]],
-        missing=missing,
         rows=[_shown(rank, row) for rank, row in enumerate(sorted(rows, key=worst_first))],
-        made=stamp(made),
-        version=fdd.__version__,
-        style=Markup(part("page.css") + part("index.css")),
-        script=Markup(script),
+        style=Markup(part("page.css") + part("index.css")), script=Markup(script),
         script_sources=Markup(source_hash(script.encode())),
-    )
+    )  # fmt: skip
 
 
 def _shown(rank: int, row: Row) -> dict[str, object]:
@@ -94,17 +90,10 @@ def _shown(rank: int, row: Row) -> dict[str, object]:
         if fault.severity is not None:
             texts["severity"], keys["severity"] = f"{fault.severity:.2f}", fault.severity
     return {
-        **texts,
-        "keys": keys,
-        "rank": rank,
-        "log": answer.log,
-        "unit": answer.unit,
-        "state": row.state,
-        "mark": MARKS.get(row.state, "×"),
-        "error": answer.error or "",
-        "notes": len(answer.quality.notes),
+        **texts, "keys": keys, "rank": rank, "log": answer.log, "unit": answer.unit, "state": row.state,
+        "mark": MARKS.get(row.state, "×"), "error": answer.error or "", "notes": len(answer.quality.notes),
         "page": quote(row.page),
-    }
+    }  # fmt: skip
 
 
 def summary_csv(rows: Sequence[Row]) -> str:

@@ -25,15 +25,9 @@ if TYPE_CHECKING:
 
 
 def render_report(
-    diagnosis: Diagnosis,
-    trajectories: Trajectories,
-    samples: Samples,
-    unit: Unit,
-    settings: dict[str, str],
-    *,
-    alone: bool = True,
-    made: datetime | None = None,
-) -> str:
+    diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples, unit: Unit,
+    settings: dict[str, str], *, alone: bool = True, made: datetime | None = None,
+) -> str:  # fmt: skip
     """The report of one diagnosis as HTML.
 
     Parameters
@@ -49,25 +43,15 @@ def render_report(
     """
     found = sections(diagnosis, trajectories, samples)
     return page(
-        "page.html",
-        [f for s in found for f in s.figures],
-        alone=alone,
-        made=made,
-        verdict=verdict_words(diagnosis, unit),
-        second_opinion=second_opinion_words(diagnosis),
-        diagnosis=diagnosis,
-        duration=span(diagnosis.duration_s),
-        sample_count=tables.grouped(diagnosis.samples),
-        sections=found,
-        probabilities=tables.probability_rows(diagnosis),
-        estimates=tables.estimate_rows(diagnosis),
-        quality=tables.quality_rows(diagnosis),
-        sensors=tables.sensor_rows(diagnosis),
-        invisible=tables.invisible_rows(diagnosis),
-        unit_rows=tables.unit_rows(unit),
-        versions=tables.version_rows(),
-        settings=sorted(settings.items()),
-    )
+        "page.html", [f for s in found for f in s.figures], alone=alone, made=made,
+        verdict=verdict_words(diagnosis, unit), second_opinion=second_opinion_words(diagnosis),
+        diagnosis=diagnosis, duration=span(diagnosis.duration_s),
+        sample_count=tables.grouped(diagnosis.samples), sections=found,
+        probabilities=tables.probability_rows(diagnosis), estimates=tables.estimate_rows(diagnosis),
+        quality=tables.quality_rows(diagnosis), sensors=tables.sensor_rows(diagnosis),
+        invisible=tables.invisible_rows(diagnosis), unit_rows=tables.unit_rows(unit),
+        versions=tables.version_rows(), settings=sorted(settings.items()),
+    )  # fmt: skip
 
 
 def page(
@@ -81,15 +65,12 @@ def page(
     # No browser checks the hash of a script that it loads from disk: what the page's own script loads may
     # run, and nothing else that stands in the page.
     others = bundle_hash if alone else "'strict-dynamic'"
+    drawn = json.dumps(plain, allow_nan=False, separators=(",", ":")).encode("ascii")
     return template(name).render(
-        **shown,
-        made=stamp(made),
-        style=Markup(part("page.css")),
-        figures=plotly.packed(json.dumps(plain, allow_nan=False, separators=(",", ":")).encode("ascii")),
-        bundle=bundle,
-        script=Markup(script),
+        **shown, made=stamp(made), style=Markup(part("page.css")), figures=plotly.packed(drawn),
+        bundle=bundle, script=Markup(script),
         script_sources=Markup(f"{plotly.source_hash(script.encode())} {others}"),
-    )
+    )  # fmt: skip
 
 
 def stamp(made: datetime | None) -> str:
@@ -98,15 +79,9 @@ def stamp(made: datetime | None) -> str:
 
 
 def write_report(
-    path: str | Path,
-    diagnosis: Diagnosis,
-    trajectories: Trajectories,
-    samples: Samples,
-    unit: Unit,
-    settings: dict[str, str],
-    *,
-    alone: bool = True,
-) -> None:
+    path: str | Path, diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples, unit: Unit,
+    settings: dict[str, str], *, alone: bool = True,
+) -> None:  # fmt: skip
     """Write the report whole or not at all; see `render_report`.
 
     Raises

@@ -21,13 +21,7 @@ FILE = "plotly.min.js"
 
 
 def packed(data: bytes) -> str:
-    """Base64 of gzip, which the page's script unpacks.
-
-    Examples
-    --------
-    >>> gzip.decompress(base64.b64decode(packed(b"[]")))
-    b'[]'
-    """
+    """Base64 of gzip, which the page's script unpacks."""
     return base64.b64encode(gzip.compress(data, 6, mtime=0)).decode("ascii")
 
 

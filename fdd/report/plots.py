@@ -192,29 +192,28 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     seen = trajectories.observable.get(name, np.ones(time.size, dtype=bool))
     data: list[dict[str, Any]] = []
     lines, bands = [], []
-    first, *others = drawn.items()
-    spread = scale * trajectories.stds.get(first[0], {}).get(name, np.full(time.size, np.inf))
-    apart = {k: np.abs(v - first[1]) > ALIKE_STD * spread for k, v in others}
-    alike = [first[0], *(k for k, differs in apart.items() if not (differs & seen).any())]
+    (first, leading), *others = drawn.items()
+    spread = scale * trajectories.stds.get(first, {}).get(name, np.full(time.size, np.inf))
+    apart = {first: seen, **{k: seen & (np.abs(v - leading) > ALIKE_STD * spread) for k, v in others}}
+    alike = [k for k, differs in apart.items() if k == first or not differs.any()]
     for number, (key, value) in enumerate(drawn.items()):
         if number and key in alike:
             continue
         colour = tr.LINE_COLOURS[number % len(tr.LINE_COLOURS)]
         called = " and ".join(ESTIMATOR_TITLES.get(k, k.upper()) for k in ([key] if number else alike))
-        shown = seen & apart[key] if number else seen
-        called += " where it differs" if number and not shown[seen].all() else ""
+        called += "" if apart[key][seen].all() else " where it differs"
+        shown = np.where(apart[key], value, np.nan)
         std = trajectories.stds.get(key, {}).get(name)
         if std is not None:
-            low = np.where(shown, value - 2.0 * scale * std, np.nan)
-            high = np.where(shown, value + 2.0 * scale * std, np.nan)
+            low, high = shown - 2.0 * scale * std, shown + 2.0 * scale * std
             data.append(tr.band(time, low, high, called, colour))
             bands += [low, high]
         if not seen.all() and not number:
             grey = tr.line(time, np.where(seen, np.nan, value), called, tr.GREY, width=1.0, legend=False)
             data.append({**grey, "hoverinfo": "skip"})
-        if shown.any():
-            data.append(tr.line(time, np.where(shown, value, np.nan), called, colour))
-        lines.append(np.where(seen, value, np.nan) if seen.any() else value)
+        if seen.any():
+            data.append(tr.line(time, shown, called, colour))
+        lines.append(shown if seen.any() else value)
     held = trajectories.held.get(name)
     if held is not None and seen.any() and not seen.all():
         last = np.where(seen, np.nan, scale * held)

@@ -69,14 +69,10 @@ def _estimate_row(name: str, estimate: Estimate) -> dict[str, str]:
         percent_change = round(100.0 * (estimate.value / estimate.baseline - 1.0))
         change = f"{percent_change:+d} %".replace("-", "−") if percent_change else "0 %"
     return {
-        "quantity": title,
-        "unit": unit,
-        "baseline": number(scaled[0]),
-        "value": with_std(scaled[1], scaled[2]),
-        "change": change if estimate.observable else "not seen",
-        "observable": "yes" if estimate.observable else "no",
-        "held": _held(estimate, scale),
-    }
+        "quantity": title, "unit": unit, "baseline": number(scaled[0]),
+        "value": with_std(scaled[1], scaled[2]), "change": change if estimate.observable else "not seen",
+        "observable": "yes" if estimate.observable else "no", "held": _held(estimate, scale),
+    }  # fmt: skip
 
 
 def _held(estimate: Estimate, scale: float) -> str:
@@ -96,26 +92,20 @@ def probability_rows(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
 
 def sensor_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """Channels that are not, or not always, to be trusted: name, and what is wrong since when."""
-    return [
-        (
-            s.channel.replace("_", " "),
-            s.state.replace("_", " ") + ("" if s.since is None else f", since {seconds(s.since)}"),
-        )
-        for s in diagnosis.sensors
-        if s.state != "trusted"
-    ]
+    rows = []
+    for s in (s for s in diagnosis.sensors if s.state != "trusted"):
+        since = "" if s.since is None else f", since {seconds(s.since)}"
+        rows.append((s.channel.replace("_", " "), s.state.replace("_", " ") + since))
+    return rows
 
 
 def invisible_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """What this log would not have shown: fault, and below which severity; the hardest to see first."""
-    ordered = sorted(diagnosis.not_visible, key=lambda i: -math.inf if i.severity is None else -i.severity)
-    return [
-        (
-            fault_title(i.fault) + (f" ({place(i)})" if place(i) else ""),
-            "at any severity" if i.severity is None else f"below severity {i.severity:.2f}",
-        )
-        for i in ordered
-    ]
+    rows = []
+    for i in sorted(diagnosis.not_visible, key=lambda i: -math.inf if i.severity is None else -i.severity):
+        below = "at any severity" if i.severity is None else f"below severity {i.severity:.2f}"
+        rows.append((fault_title(i.fault) + (f" ({place(i)})" if place(i) else ""), below))
+    return rows
 
 
 def quality_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -144,7 +134,8 @@ def _count(count: int, total: int) -> str:
 
 def unit_rows(unit: Unit) -> list[tuple[str, str]]:
     """The unit's profile in a few lines, in everyday units."""
-    c, f = unit.cylinder, unit.friction
+    c, f, oil = unit.cylinder, unit.friction, unit.oil
+    leakage, modulus = f"{unit.pump.total_leakage * 1e12:.4g}", f"{oil.bulk_modulus * 1e-6:.4g}"
     rows = [
         ("Profile", unit.name),
         ("Axis", unit.axis),
@@ -153,15 +144,8 @@ def unit_rows(unit: Unit) -> list[tuple[str, str]]:
         ("Moving mass", f"{c.moving_mass:.4g} kg"),
         ("Chamber volumes at mid-stroke", f"{c.volume_1 * 1e3:.4g} and {c.volume_2 * 1e3:.4g} L"),
         ("Pump displacement", f"{unit.pump.displacement * 1e6 * 2 * math.pi:.4g} cm³/rev"),
-        (
-            "Leakage coefficient",
-            f"{unit.pump.total_leakage * 1e12:.4g} × 10⁻¹² m³/(s·Pa), which are "
-            f"{unit.pump.total_leakage * 6e12:.4g} mL/min/bar, at {unit.oil.reference_temperature:g} °C",
-        ),
-        (
-            "Effective bulk modulus",
-            f"{unit.oil.bulk_modulus * 1e-6:.4g} MPa at {unit.oil.reference_pressure * 1e-5:.3g} bar",
-        ),
+        ("Leakage coefficient", f"{leakage} × 10⁻¹² m³/(s·Pa) at {oil.reference_temperature:g} °C"),
+        ("Effective bulk modulus", f"{modulus} MPa at {oil.reference_pressure * 1e-5:.3g} bar"),
         ("Coulomb friction", f"{f.forward.coulomb:.4g} N forward, {f.reverse.coulomb:.4g} N reverse"),
         ("Fastest pump speed", f"{unit.drive.max_speed * 30.0 / math.pi:.4g} rpm"),
         ("Wanted false alarms", f"{unit.monitoring.false_alarms_per_hour * 3600.0:.3g} per hour"),

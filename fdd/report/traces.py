@@ -92,16 +92,9 @@ def layout(x: str = "time (s)", **y_axis: Any) -> dict[str, Any]:
 
 
 def line(
-    time: Column,
-    values: Column,
-    name: str,
-    colour: str,
-    *,
-    dash: str = "solid",
-    width: float = 1.6,
-    legend: bool = True,
-    buckets: int = BUCKETS,
-) -> Trace:
+    time: Column, values: Column, name: str, colour: str, *, dash: str = "solid", width: float = 1.6,
+    legend: bool = True, buckets: int = BUCKETS,
+) -> Trace:  # fmt: skip
     """A signal over time, decimated; breaks where values or samples are missing."""
     t, y = decimate(*break_at_gaps(time, values), buckets)
     style = {"color": colour, "width": width, "dash": dash, "shape": "linear"}
@@ -158,12 +151,8 @@ def _tall(kind: str, start: float, stop: float) -> dict[str, Any]:
 
 def shade(start: float, stop: float) -> dict[str, Any]:
     """A grey stretch of time behind the lines."""
-    return {
-        **_tall("rect", start, stop),
-        "fillcolor": faded(GREY, 0.17),
-        "line": {"width": 0},
-        "layer": "below",
-    }
+    style = {"fillcolor": faded(GREY, 0.17), "line": {"width": 0}, "layer": "below"}
+    return {**_tall("rect", start, stop), **style}
 
 
 def upright(at: float, *, dash: str) -> dict[str, Any]:

@@ -12,17 +12,10 @@ from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
 
 FAMILY_TITLES = {
-    "healthy": "Healthy",
-    "leakage": "Leakage",
-    "seal_wear": "Seal wear",
-    "aeration": "Air in the oil",
-    "check_valve": "Check valve",
-    "relief_valve": "Relief valve",
-    "friction": "Friction",
-    "motor": "Motor and coupling",
-    "sensor": "Sensor",
-    "unknown": "Unknown fault",
-}
+    "healthy": "Healthy", "leakage": "Leakage", "seal_wear": "Seal wear", "aeration": "Air in the oil",
+    "check_valve": "Check valve", "relief_valve": "Relief valve", "friction": "Friction",
+    "motor": "Motor and coupling", "sensor": "Sensor", "unknown": "Unknown fault",
+}  # fmt: skip
 
 MARKS = {"healthy": "✓", "faulty": "!", "inconclusive": "?"}
 
@@ -139,15 +132,8 @@ def finding_words(finding: FaultFinding, unit: Unit | None = None) -> FindingWor
     check = f"To confirm it: {finding.next_check}" if finding.next_check else ""
     named = place(finding)
     where = f"Where and how: {named}." if named else ""
-    return FindingWords(
-        ", ".join(parts),
-        _alternatives(finding),
-        severity,
-        f"{detection}.",
-        list(finding.evidence),
-        where,
-        check,
-    )
+    told = ", ".join(parts), _alternatives(finding), severity, f"{detection}.", list(finding.evidence)
+    return FindingWords(*told, where, check)
 
 
 def _alternatives(finding: FaultFinding) -> str:

@@ -23,58 +23,12 @@ from fdd.plant.load import LOADS
 from fdd.plant.simulate import prepare, simulate
 from fdd.unit import Unit
 
-RECIPES = Path(__file__).parents[2] / "datasets"
-NEW = ("relief_valve_stuck_shut", "drive_failure")
 FOUR = ("internal_leakage", "seal_wear", "aeration", "check_valve_stuck_open")
 
 
 def recipe_with(**fields: object) -> Recipe:
     given = {"schema": "fdd.recipe/1", "faults": {f: {} for f in FOUR}, **fields}
     return Recipe(**given)
-
-
-@pytest.mark.parametrize("name", ["training", "validation", "smoke"])
-def test_shipped_recipes_read_back_as_they_were(name: str) -> None:
-    recipe = Recipe.load(RECIPES / f"{name}.yaml")
-    again = Recipe.from_yaml(recipe.to_yaml())
-    assert again == recipe
-
-
-def test_validation_recipe_is_a_hundred_faults_in_four_equal_families_and_twenty_healthy() -> None:
-    recipe = Recipe.load(RECIPES / "validation.yaml")
-    counts = Counter(assign_faults(recipe))
-    assert counts == {(): 20, **{(f,): 25 for f in FOUR}}
-    assert recipe.severity[0] >= 0.5
-    assert recipe.seed != Recipe.load(RECIPES / "training.yaml").seed
-
-
-@pytest.mark.parametrize(
-    ("name", "units", "healthy", "faulty", "left_out"),
-    [
-        (
-            "training", 160, 240, 560,
-            {
-                "external_leakage", "pump_wear", "case_drain_seal_failure", "position_sensor_slip",
-                "shaft_seal_wear", "coupling_wear", "sensor_dropout", *NEW,
-            },
-        ),
-        # What a minute of log cannot show, or what its quality tells, is not taught here either.
-        ("wide", 190, 285, 665, {"shaft_seal_wear", "coupling_wear", "sensor_dropout", *NEW}),
-    ],
-)  # fmt: skip
-def test_training_recipes_are_three_tenths_healthy_and_the_rest_follows_the_weights(
-    name, units, healthy, faulty, left_out
-) -> None:
-    recipe = Recipe.load(RECIPES / f"{name}.yaml")
-    counts = Counter(assign_faults(recipe))
-    assert recipe.units * recipe.logs_per_unit == counts.total() == units * 5
-    assert counts.pop(()) == healthy
-    assert {fault for (fault,) in counts} == set(SIMULATED) - left_out
-    assert sum(counts.values()) == faulty
-    total = sum(fault.weight for fault in recipe.faults.values())
-    for (fault,), count in counts.items():
-        share = recipe.faults[fault].weight / total
-        assert abs(count - faulty * share) < 1.0, fault
 
 
 @settings(deadline=None, max_examples=40)

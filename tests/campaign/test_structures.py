@@ -145,19 +145,12 @@ def test_severity_one_leaks_five_percent_of_the_rated_flow_at_half_the_rated_pre
     scale = Scale.of(unit)
     figures = FaultScales(**scale.fault_scales({"internal_leakage_orifice_share": share}))
     half = 0.5 * unit.accumulator.relief_pressure / RELIEF
-    run = simulate(
-        unit,
-        Scenario(
-            duration=6.0,
-            duty={"name": "standstill"},
-            control={"gain": 1e4 * scale.position_gain},
-            load={"name": "constant", "level": half * unit.cylinder.area_1},
-            faults=[{"fault": "internal_leakage", "severity": 1.0, "law": law}],
-            fault_scales=figures,
-            details=Details(**{**scale.details({}), "heat_capacity": 1e8}),
-            recording=Recording.perfect(),
-        ),
-    )
+    run = simulate(unit, Scenario(
+        duration=6.0, duty={"name": "standstill"}, control={"gain": 1e4 * scale.position_gain},
+        load={"name": "constant", "level": half * unit.cylinder.area_1}, fault_scales=figures,
+        faults=[{"fault": "internal_leakage", "severity": 1.0, "law": law}],
+        details=Details(**{**scale.details({}), "heat_capacity": 1e8}), recording=Recording.perfect(),
+    ))  # fmt: skip
     truth, last = run.truth, slice(4000, None)
     drop = np.mean(truth["pressure_difference"][last])
     assert drop == pytest.approx(half, rel=0.05)
@@ -206,18 +199,10 @@ def test_a_log_has_the_channels_rate_and_noise_of_its_instruments() -> None:
 def test_two_kilohertz_shows_what_one_does_and_what_lies_between() -> None:
     scenario = {"duration": 4.0, "seed": 3, "duty": {"name": "sines"}}
     fault = {"fault": "position_sensor_slip", "severity": 1.0, "onset": 0.5}
-    runs = [
-        simulate(
-            Unit.load("axis_a"),
-            Scenario(
-                recording=Recording(**{**Recording.perfect().model_dump(), "rate": rate}),
-                faults=[fault],
-                **scenario,
-            ),
-        )
-        for rate in (1000, 2000)
-    ]
-    usual, quick = runs
+    records = (Recording(**{**Recording.perfect().model_dump(), "rate": rate}) for rate in (1000, 2000))
+    usual, quick = (
+        simulate(Unit.load("axis_a"), Scenario(recording=r, faults=[fault], **scenario)) for r in records
+    )
     np.testing.assert_allclose(quick.samples.time, np.arange(8000) * 5e-4, atol=1e-12)
     # Between two rows lie steps of the integrator's own error.
     np.testing.assert_allclose(quick.samples["position"][::2], usual.samples["position"], atol=2.1e-6)
@@ -245,16 +230,11 @@ def test_faults_of_a_missing_pressure_difference_strike_the_chambers_transducer(
 
 def test_labels_carry_structure_and_condition_and_the_data_sheet_lies_beside(tmp_path: Path) -> None:
     small = {"rated_pressure": [3e6, 6e6], "displacement": [0.3e-6, 0.6e-6]}
+    drawn = {"name": "drawn", "size": small, "rate": 500, "speed": "sampled", "channels": MINIMUM}
     recipe = recipe_with(
-        units=2,
-        duration=[4.0, 4.0],
-        baseline_kind="ordinary",
-        structures=[
-            {"name": "drawn", "size": small, "rate": 500, "speed": "sampled", "channels": MINIMUM},
-            {"name": "thesis"},
-        ],
+        units=2, duration=[4.0, 4.0], baseline_kind="ordinary", structures=[drawn, {"name": "thesis"}],
         conditions=[{"name": "noisy", "noise": [2, 2]}],
-    )
+    )  # fmt: skip
     data = Dataset.load(generate(recipe, tmp_path / "set"))
     assert {e.structure for e in data.logs} == {"drawn", "thesis"}
     assert {e.condition for e in data.logs} == {"noisy"}
@@ -281,11 +261,8 @@ def test_labels_carry_structure_and_condition_and_the_data_sheet_lies_beside(tmp
 
 
 def test_conditions_follow_their_weights_and_change_single_logs_only() -> None:
-    recipe = recipe_with(
-        units=10,
-        logs_per_unit=4,
-        conditions=[{"name": "usual", "weight": 3}, {"name": "retuned", "loop": [0.5, 0.6]}],
-    )
+    two = [{"name": "usual", "weight": 3}, {"name": "retuned", "loop": [0.5, 0.6]}]
+    recipe = recipe_with(units=10, logs_per_unit=4, conditions=two)
     found = [condition_of(recipe, i, k) for i in range(10) for k in range(4)]
     assert Counter(c.name for c in found if c) == {"usual": 30, "retuned": 10}
     unit = Unit.load("axis_a")

@@ -5,13 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
-from test_generate import contents, interrupted, small
-from test_train_validate import RECIPE, finding, label, outcome
+from test_generate import contents, small
+from test_train_validate import finding, label, outcome
 
 from fdd.campaign import generate as generate_module
 from fdd.campaign.card import card
@@ -19,7 +18,7 @@ from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.scores import Outcome
-from fdd.campaign.validate import by_visibility, outcomes_csv, report_text, summary, validate
+from fdd.campaign.validate import by_visibility, outcomes_csv, summary
 from fdd.campaign.visibility import (
     ROWS_LOST,
     ChannelVisibility,
@@ -29,7 +28,6 @@ from fdd.campaign.visibility import (
     visibility,
     visibility_class,
 )
-from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.plant.faults.spec import SIMULATED
@@ -182,19 +180,6 @@ def test_two_workers_make_the_same_twins_as_one(made: Dataset, tmp_path: Path) -
     assert contents(generate(all_kinds(), tmp_path / "two", workers=2)) == contents(made.directory)
 
 
-def test_a_started_folder_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recipe = with_twins(units=1, logs_per_unit=3)
-    with monkeypatch.context() as patch:
-        interrupted(patch, after=1)
-        with pytest.raises(KeyboardInterrupt):
-            generate(recipe, tmp_path / "set")
-    kept = {p: p.stat().st_mtime_ns for p in (tmp_path / "set").rglob("*.parquet")}
-    assert len(kept) == 3, "log, truth and twin"
-    generate(recipe, tmp_path / "set")
-    assert all(p.stat().st_mtime_ns == stamp for p, stamp in kept.items())
-    assert contents(tmp_path / "set") == contents(generate(recipe, tmp_path / "at once"))
-
-
 def test_a_run_that_only_the_fault_kept_in_range_has_no_twin(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -287,12 +272,7 @@ def test_the_card_counts_visible_logs(made: Dataset) -> None:
 
 
 def seen(one: Outcome, rms: float) -> Outcome:
-    figures = {
-        "twin": "logs/b.parquet",
-        "visibility": channels(rms),
-        "largest_rms": rms,
-        "visible": rms >= 1.0,
-    }
+    figures = {"twin": "logs/b.parquet", "visibility": channels(rms), "largest_rms": rms, "visible": rms >= 1}
     return Outcome(one.entry.model_copy(update=figures), one.found, one.errors)
 
 
@@ -318,33 +298,8 @@ def test_what_is_found_goes_by_what_could_be_seen() -> None:
     ]
     lines = list(csv.DictReader(io.StringIO(outcomes_csv(outcomes))))
     told = [(r["visible"], r["visibility"], r["found"], r["named"]) for r in lines]
-    assert told[0] == ("True", "above 10", "True", "True") and told[2] == (
-        "True",
-        "above 10",
-        "True",
-        "False",
-    )
+    assert told[0] == ("True", "above 10", "True", "True")
+    assert told[2] == ("True", "above 10", "True", "False")
     assert told[3] == ("False", "below 1", "False", "False") and told[6] == ("", "", "False", "False")
     plain = [outcome([label(leak)], [finding(leak)])]
     assert not by_visibility(plain) and "visib" not in summary(plain) + outcomes_csv(plain)
-
-
-@pytest.mark.slow
-def test_validation_of_a_tiny_set_with_twins(tiny_model: Model, tmp_path: Path) -> None:
-    data = Dataset.load(generate(Recipe.from_yaml(RECIPE + "twins: true\n"), tmp_path / "set"))
-    tiny_model.save(tmp_path / "model.json")
-    outcomes = validate(tmp_path / "set", str(tmp_path / "model.json"), workers=1)
-    text = report_text(outcomes, data)
-    one = "1.00 (0.21 to 1.00) of 1"
-    assert f"| internal leakage | above 10 | {one} | {one} |" in text
-    assert Counter(r["visibility"] for r in csv.DictReader(io.StringIO(outcomes_csv(outcomes)))) == {
-        "": 1, "above 10": 1,
-    }  # fmt: skip
-
-
-def test_twins_are_wanted_or_not() -> None:
-    with pytest.raises(InputError, match=r"recipe twins: .*maybe") as error:
-        Recipe.from_yaml("schema: fdd.recipe/1\nhealthy_share: 1\ntwins: maybe\n", where="mine.yaml")
-    assert "\n" not in str(error.value)
-    assert "twins: true" in with_twins().to_yaml() and "twins" not in small().to_yaml()
-    assert Recipe.from_yaml(with_twins().to_yaml()) == with_twins()

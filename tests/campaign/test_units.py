@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 
 from fdd.campaign.units import for_each_unit
@@ -16,31 +14,12 @@ def letters(unit: str) -> list[str]:
     return [f"{unit}-{letter}" for letter in "ab"]
 
 
-def whose(_unit: str) -> list[int]:
-    return [os.getpid()]
-
-
-def fails(unit: str) -> list[str]:
-    raise ValueError(f"{unit} is broken")
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_the_order_of_the_units(workers: int) -> None:
     told: list[tuple[int, int]] = []
     found = for_each_unit(letters, UNITS, workers=workers, progress=lambda *step: told.append(step))
     assert found == [f"{unit}-{letter}" for unit in UNITS for letter in "ab"]
     assert told == [(1, 3), (2, 3), (3, 3)]
-
-
-def test_one_worker_is_this_process_and_more_are_others() -> None:
-    assert set(for_each_unit(whose, UNITS)) == {os.getpid()}
-    assert os.getpid() not in for_each_unit(whose, UNITS, workers=2)
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_an_error_in_the_work_is_the_callers(workers: int) -> None:
-    with pytest.raises(ValueError, match="unit_000 is broken"):
-        for_each_unit(fails, UNITS[:1], workers=workers)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

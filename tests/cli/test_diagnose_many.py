@@ -57,17 +57,9 @@ def answers_of(out: Path) -> list[dict]:
 
 
 def test_folders_patterns_and_lists(tmp_path: Path) -> None:
-    names = [
-        "b/2.csv",
-        "b/1.MCAP",
-        "a.csv.gz",
-        "z.txt",
-        "b/.x/3.csv",
-        ".4.csv",
-        "notes.md",
-        "out/summary.csv",
-    ]
-    for name in names:
+    for name in (
+        "b/2.csv", "b/1.MCAP", "a.csv.gz", "z.txt", "b/.x/3.csv", ".4.csv", "notes.md", "out/summary.csv",
+    ):  # fmt: skip
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
 
@@ -184,10 +176,6 @@ def test_workers_change_nothing(run, folder: Path, one_folder: Path, tiny_model_
     assert healthy == {**wanted["run.mcap"], "log": "other.mcap"}
 
 
-def test_a_batch_needs_names_apart_for_single_reports(run, one_line, folder: Path, tmp_path: Path) -> None:
-    one_line(run("diagnose", folder, "--report", f"{tmp_path}/"), "two logs would be written to one file")
-
-
 def test_a_single_bad_log_writes_nothing(run, one_line, folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "none"
     one_line(run("diagnose", folder / "bad.csv", "-o", out, "--exit-code"), "bad.csv")
@@ -241,7 +229,6 @@ def test_resume_works_only_what_is_new(
     ("given", "status"),
     [
         (["healthy"], 0),
-        (["short"], 3),
         (["healthy", "short"], 3),
         (["healthy", "short", "bad"], 2),
         (["healthy", "short", "bad", "leaking"], 1),

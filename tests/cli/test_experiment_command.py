@@ -1,4 +1,4 @@
-"""``fdd experiment`` end to end, and by way of ``fdd identify``."""
+"""``fdd experiment`` end to end."""
 
 from __future__ import annotations
 
@@ -34,19 +34,6 @@ def test_each_kind_tells_and_says_what_it_does_not(run, strokes, tmp_path, kind)
     cells = [cell for row in found["table"] for cell in row.values()]
     assert all(word in result.stdout for cell in cells for word in cell.split())
     assert ("Not told" in result.stdout) == bool(found["not_told"])
-
-
-def test_identify_runs_an_experiment_and_writes_no_profile(run, strokes, tmp_path) -> None:
-    page = tmp_path / "gain.html"
-    result = run("identify", strokes, "--experiment", "gain", "--base", "axis_b", "-o", page)
-    assert result.exit_code == 0, result.stderr
-    assert result.stdout.startswith("Gain from pump to piston")
-    assert page.read_text().startswith("<!doctype html>") and "axis_b" in page.read_text()
-
-
-def test_identify_without_either_says_what_to_give(run, strokes) -> None:
-    result = run("identify", strokes)
-    assert result.exit_code == 2 and "-o" in result.stderr and result.stderr.count("\n") == 1
 
 
 def test_a_log_without_command_is_refused_in_one_line(run, strokes, tmp_path) -> None:

@@ -18,7 +18,7 @@ from fdd.cli.tables import print_sheet
 from fdd.logs.mcap_runs import RunBlock, write_blocks
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
-from fdd.report.sheet import Table
+from fdd.report.sheet import Sheet, Table
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
@@ -169,6 +169,6 @@ def test_no_number_is_cut_and_no_name_broken_however_narrow_the_terminal(width: 
     ]
     table = Table("Logs", ("Log", "Verdict", "Leakage coefficient", "Bulk modulus"), rows, numbers=False)
     screen = io.StringIO()
-    print_sheet(Console(width=width, file=screen), [], [table], [])
+    print_sheet(Sheet("", "", "healthy", [], [table], []), Console(width=width, file=screen))
     for cell in (c for row in rows for k, c in enumerate(row) if k != 1):
         assert cell in screen.getvalue(), cell

@@ -17,11 +17,12 @@ from rich.console import Console
 
 from fdd.campaign.scores import wilson
 from fdd.campaign.train import ScoredLog
-from fdd.cli.train import confusion_table
+from fdd.cli.campaign import confusion_table
 from fdd.diagnosis.baseline import BASELINE_VERSION
 from fdd.residuals.balances import BALANCES
 from fdd.unit import Unit
 
+ROOT = Path(__file__).parents[2]
 STROKES = "constant_speed:amplitude=0.08,speeds=60/105,turn=5,dwell=0.3"
 
 
@@ -121,58 +122,26 @@ def test_the_shipped_demo_is_of_this_version_and_small() -> None:
     assert len((folder / "demo.mcap").read_bytes()) < 2_500_000
 
 
-def _says_leakage(run, tmp_path: Path, *model: object) -> str:
-    out = tmp_path / "report.html"
-    result = run("demo", "-o", out, *model)
-    assert result.exit_code == 0, result.stderr
-    onset = re.search(r"! Internal leakage, since (\d+\.\d) s", result.stdout)
-    assert onset is not None and abs(float(onset[1]) - 16.0) < 1.0
-    assert str(out) in result.stdout.replace("\n", "")
-    assert "Internal leakage" in out.read_text(encoding="utf-8")
-    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
-    return str(result.stdout)
-
-
 def test_the_demo_finds_the_leak_and_names_the_command_as_it_was_called(
-    run, tiny_model_file, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run, one_line, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After ``make demo`` fdd is in no path."""
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.setattr(sys, "argv", [".venv/bin/fdd", "demo"])
-    last = _says_leakage(run, tmp_path, "--model", tiny_model_file).splitlines()[-1]
-    words = shlex.split(last.partition(": ")[2])
+    out = tmp_path / "report.html"
+    result = run("demo", "-o", out)
+    assert result.exit_code == 0, result.stderr
+    onset = re.search(r"! Internal leakage, since (\d+\.\d) s", result.stdout)
+    assert onset is not None and abs(float(onset[1]) - 16.0) < 1.0
+    assert str(out) in result.stdout.replace("\n", "") and "Internal leakage" in out.read_text("utf-8")
+    words = shlex.split(result.stdout.splitlines()[-1].partition(": ")[2])
     assert words[:2] == [".venv/bin/fdd", "diagnose"] and all(Path(words[k]).is_file() for k in (2, 4))
-
-
-def test_the_demo_finds_the_leak_with_the_shipped_model(run, tmp_path: Path) -> None:
-    _says_leakage(run, tmp_path)
-
-
-def test_demo_refuses_a_report_that_cannot_be_written(run, one_line, tmp_path: Path) -> None:
     one_line(run("demo", "-o", tmp_path / "no" / "r.html"), "cannot be written")
-
-
-RECIPE = """
-schema: fdd.recipe/1
-name: tiny
-seed: 3
-bases: [axis_a]
-units: 2
-logs_per_unit: 2
-faults: {internal_leakage: {}}
-healthy_share: 0.5
-severity: [0.8, 1.0]
-duration: [10, 11]
-onset: [0.4, 0.5]
-baseline: false
-format: parquet
-"""
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
 
 
 def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
-    recipe = tmp_path / "recipe.yaml"
-    recipe.write_text(RECIPE)
-    command = ("generate", recipe, "-o", tmp_path / "set", "--engine")
+    command = ("generate", ROOT / "datasets" / "smoke.yaml", "-o", tmp_path / "set", "--engine")
     one_line(run(*command, "cloud"), "cloud")
     monkeypatch.setitem(sys.modules, "ray", None)
     one_line(run(*command, "ray"), "install fdd[ray]")

@@ -10,7 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from fdd.cli.monitor import status_line
+from fdd.diagnosis.findings import Estimate
 from fdd.logs import read_log
+from fdd.monitor import Status
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +71,18 @@ def test_state_goes_on_where_it_was(run, logs, tiny_model_file, offline, tmp_pat
     second = events(run("monitor", *common).stdout)
     assert second[-1]["diagnosis"]["faults"] == offline["faults"]
     assert any("seen before" in e.get("text", "") for e in second)
+
+
+def test_a_stream_goes_on_with_the_clock_that_it_had(
+    run, logs, tiny_model_file, offline, tmp_path: Path
+) -> None:
+    lines = stream_of(logs["leaking"]).splitlines(keepends=True)
+    half = len(lines) // 2
+    common = ["-", "--model", tiny_model_file, "--json", "--state", tmp_path / "axis.npz"]
+    run("monitor", *common, input=b"".join(lines[:half]))
+    second = events(run("monitor", *common, input=b"".join(lines[half - 50 :])).stdout)[-1]["diagnosis"]
+    assert second["faults"] == offline["faults"] and second["samples"] == offline["samples"]
+    assert any("late or repeated" in note for note in second["quality"]["notes"])
 
 
 @pytest.mark.parametrize("speed", ["0", "-1", "fast", "nan", "inf"])
@@ -128,3 +143,16 @@ def test_a_signal_ends_it_with_the_summary(logs, tiny_model_file, number) -> Non
     out, err = process.communicate(timeout=30)
     assert process.returncode == 0 and err == b""
     assert json.loads(out.splitlines()[-1])["diagnosis"]["verdict"] == "faulty"
+
+
+def test_the_status_line_shows_the_likely_and_what_is_observable() -> None:
+    leakage = Estimate(unit="m^3/(s*Pa)", baseline=6.5e-12, value=9.8123e-12, std=1.04e-13, observable=True)
+    blind = Estimate(unit="N", baseline=130.0, value=90.0, std=80.0, observable=False)
+    status = Status(
+        61.25, 61000, "faulty", {"healthy": 0.02, "leakage": 0.9, "aeration": 0.08},
+        {"leakage": leakage, "coulomb_friction": blind},
+    )  # fmt: skip
+    expected = "[   61.25 s] faulty  leakage 90 %  air in the oil 8 %  leakage 9.81 ± 0.10 1e-12 m³/(s·Pa)"
+    assert status_line(status).plain == expected
+    sure = Status(1.0, 1000, "healthy", {"healthy": 0.98, "leakage": 0.02})
+    assert status_line(sure).plain == "[    1.00 s] healthy  healthy 98 %"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,29 +11,20 @@ import pytest
 import yaml
 
 from fdd.data_sheet import QUESTIONS, derived, parsed
+from fdd.data_sheet.accumulator import accumulator_volumes
+from fdd.data_sheet.efficiency import volumetric_efficiency
 from fdd.errors import InputError
 from fdd.unit import Unit
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 SHEET = {
-    "name": "press 3",
-    "piston_area_1": "20 cm^2",
-    "piston_area_2": "10 cm^2",
-    "stroke": "300 mm",
-    "moving_mass": "80 kg",
-    "breakaway_pressure": "2 bar",
-    "pump_displacement": "6.3 cm^3/rev",
-    "max_speed": "3000 rpm",
-    "rated_pressure": "120 bar",
-    "charge_pressure": "7 bar",
-    "gas_volume": "1 L",
-    "viscosity_40": "32 mm^2/s",
-    "torque_constant": 0.8,
-    "winding_resistance": "0.5 ohm",
-    "current_limit": "30 A",
-    "inertia": 3e-3,
-}
+    "name": "press 3", "piston_area_1": "20 cm^2", "piston_area_2": "10 cm^2", "stroke": "300 mm",
+    "moving_mass": "80 kg", "breakaway_pressure": "2 bar", "pump_displacement": "6.3 cm^3/rev",
+    "max_speed": "3000 rpm", "rated_pressure": "120 bar", "charge_pressure": "7 bar", "gas_volume": "1 L",
+    "viscosity_40": "32 mm^2/s", "torque_constant": 0.8, "winding_resistance": "0.5 ohm",
+    "current_limit": "30 A", "inertia": 3e-3,
+}  # fmt: skip
 """What must be said, in a fitter's units; a plain number is SI."""
 
 
@@ -228,3 +220,35 @@ def test_a_number_without_unit_is_si_and_signs_of_range_are_kept() -> None:
     assert parsed(QUESTIONS["stroke"], "0.3") == parsed(QUESTIONS["stroke"], "300mm") == ("stroke", 0.3)
     with pytest.raises(InputError, match=r"stroke: -0\.3 m is not between"):
         parsed(QUESTIONS["stroke"], "-0.3 m")
+
+
+@pytest.mark.parametrize("shifted", [0.0, -1.2e-4])
+@pytest.mark.parametrize(("cooling", "heating"), [(30.0, 30.0), (70.0, 10.0), (0.0, 60.0)])
+def test_the_accumulator_keeps_its_pressures_and_is_no_larger(shifted, cooling, heating) -> None:
+    """Expected: by Boyle's law both bounds hold, and with 10 cm³ less one is broken; so for the oil."""
+    total, loaded = 4.32e-3, 2.16e-3
+    gas, oil = accumulator_volumes(total, loaded, 3.44e6, 2.1e8, shifted, cooling, heating)
+    arriving = 7e-4 * total * heating + abs(shifted)
+    leaving = 7e-4 * total * cooling + loaded * 3.44e6 / 2.1e8 + abs(shifted)
+
+    def keeps(volume: float) -> bool:
+        return (
+            volume > arriving and volume / (volume - arriving) <= 1.6 and volume / (volume + leaving) >= 0.6
+        )
+
+    assert keeps(gas) and not keeps(gas - 1e-5)
+    assert oil >= 1.1 * leaving > oil - 1e-5
+    assert math.isclose(1e5 * gas, round(1e5 * gas)) and math.isclose(1e5 * oil, round(1e5 * oil))
+
+
+def test_efficiency_is_that_of_equation_5_4() -> None:
+    """Axis A at 1000 rpm and 3.36 MPa.
+
+    Expected: 3.39e-5 of 5.76e-5 m³/s arrive at the end point, 58.9 %, whose coefficient is 7.05e-12; the
+    printed slope, 6.52e-12, gives 62 %. The thesis draws the curve (figure 5.5) and prints no number of it.
+    5.76e-5 m³/s is D_p = 5.50e-7 m³/rad.
+    """
+    end_point = (5.76e-5 - 3.39e-5) / 3.36e6
+    assert volumetric_efficiency(5.76e-5 / 104.7, 104.7, end_point, 3.36e6) == pytest.approx(3.39 / 5.76)
+    assert volumetric_efficiency(5.50e-7, 104.7, 6.52e-12, 3.36e6) == pytest.approx(0.620, abs=1e-3)
+    assert volumetric_efficiency(5.50e-7, 104.7, 4.27e-12, 3.36e6) == pytest.approx(0.751, abs=1e-3)  # axis B

@@ -12,8 +12,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from fdd.bounds import MAX_MODEL_BYTES
-
 MAIN = [sys.executable, "-c", "from fdd.cli import main; main()"]
 
 
@@ -29,25 +27,15 @@ def _csv(path: Path, table: pd.DataFrame) -> Path:
 
 def _bad_log(kind: str, folder: Path, table: pd.DataFrame) -> Path:
     path = folder / ("bad.mcap" if kind == "wrong magic" else "bad.csv")
-    if kind == "empty":
-        path.write_bytes(b"")
-    elif kind == "wrong magic":
+    if kind == "wrong magic":
         path.write_bytes(b"not an MCAP file" * 100)
-    elif kind == "no channels":
-        _csv(path, table.rename(columns=lambda c: f"x_{c}"))
     elif kind == "no position":
         _csv(path, table.drop(columns="position"))
     elif kind == "bar":
         pressures = [c for c in table if c.startswith("pressure")]
         _csv(path, table.assign(**{c: table[c] / 1e5 for c in pressures}))
-    elif kind == "backwards":
-        _csv(path, pd.concat([table.iloc[5000:], table.iloc[:5000]]))
     elif kind == "one second":
         _csv(path, table.iloc[:1000])
-    elif kind == "text":
-        _csv(path, table.astype(object).assign(position=["far"] * len(table)))
-    elif kind == "folder":
-        path.mkdir()
     return path
 
 
@@ -55,15 +43,10 @@ def _bad_log(kind: str, folder: Path, table: pd.DataFrame) -> Path:
     ("kind", "words"),
     [
         ("missing", ["no such file"]),
-        ("empty", ["empty"]),
         ("wrong magic", ["not an MCAP file"]),
-        ("no channels", ["no usable channels", "--map"]),
         ("no position", ["missing channels: position"]),
         ("bar", ["look like bar", "--map"]),
-        ("backwards", ["backwards"]),
         ("one second", ["too short"]),
-        ("text", ["position"]),
-        ("folder", ["folder"]),
     ],
 )
 def test_a_bad_log_is_refused(run, one_line, table, tiny_model_file, tmp_path, kind, words) -> None:
@@ -81,15 +64,8 @@ def test_a_bad_log_is_refused(run, one_line, table, tiny_model_file, tmp_path, k
     ("text", "words"),
     [
         ("time: {column: time}\nposition: {column: nowhere}\n", ["nowhere"]),
-        (
-            "time: {column: time}\nposition: {column: position, unit: bar}\n",
-            ["map.yaml", "'bar' measures pressure, not length"],
-        ),
-        ("positon: {column: position}\n", ["positon"]),
-        ("position: {column: position, unit: furlong}\n", ["unknown unit 'furlong'"]),
+        ("position: {column: position, unit: bar}\n", ["map.yaml", "'bar' measures pressure, not length"]),
         ("chanels: {position: {column: position}}\n", ["did you mean 'channels'?"]),
-        ("chanels: {position: {column: position}}\nchannels: {}\n", ["did you mean 'channels'?"]),
-        ("- a\n- b\n", ["not a channel map"]),
         ("{", ["not valid YAML"]),
     ],
 )
@@ -99,38 +75,22 @@ def test_a_bad_map_is_refused(run, one_line, logs, tiny_model_file, tmp_path, te
     one_line(run("diagnose", logs["csv"], "--map", path, "--model", tiny_model_file), *words)
 
 
-def _bad_model(kind: str, path: Path, good: str) -> None:
-    data = json.loads(good)
-    if kind == "version":
-        data["schema"] = "fdd.model/99"
-    elif kind == "rate":
-        data["tail"]["rate_per_hour"] = -1.0
-    elif kind == "strange":
-        data["classifier"] = "x"
-    text = "{" if kind == "no json" else json.dumps(data)
-    if kind == "large":
-        text = " " * MAX_MODEL_BYTES + text
-    if kind == "folder":
-        path.mkdir()
-    elif kind != "gone":
-        path.write_text(text)
-
-
 @pytest.mark.parametrize(
-    ("kind", "words"),
+    ("changes", "words"),
     [
-        ("version", ["schema", "fdd.model/3"]),
-        ("rate", ["tail.rate_per_hour", "greater than 0"]),
-        ("strange", ["classifier"]),
-        ("no json", ["line 1: not JSON"]),
-        ("large", ["larger than"]),
-        ("folder", ["no such model file"]),
-        ("gone", ["no such model file"]),
+        ({"schema": "fdd.model/99"}, ["schema", "fdd.model/3"]),
+        (
+            {"tail": {"height": 3, "scale": 1, "hours": 1, "rate_per_hour": -1}},
+            ["tail.rate_per_hour", "greater than 0"],
+        ),
+        ({"classifier": "x"}, ["classifier"]),
+        (None, ["no such model file"]),
     ],
 )
-def test_a_bad_model_is_refused(run, one_line, logs, tiny_model_file, tmp_path, kind, words) -> None:
+def test_a_bad_model_is_refused(run, one_line, logs, tiny_model_file, tmp_path, changes, words) -> None:
     path = tmp_path / "model.json"
-    _bad_model(kind, path, tiny_model_file.read_text())
+    if changes is not None:
+        path.write_text(json.dumps({**json.loads(tiny_model_file.read_text()), **changes}))
     for command in ("diagnose", "monitor"):
         one_line(run(command, logs["healthy"], "--model", path), str(path), *words)
 
@@ -146,10 +106,6 @@ def test_an_output_that_cannot_be_written_is_refused_first(
         assert result.stdout == ""
     one_line(run("diagnose", logs["healthy"], option, logs["healthy"]), "would be written over")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file"]
-
-
-def test_one_report_for_two_logs_is_refused(run, one_line, logs) -> None:
-    one_line(run("diagnose", logs["healthy"], logs["leaking"], "--report", "r.html"), "--report", "{log}")
 
 
 @pytest.mark.parametrize(
@@ -175,22 +131,8 @@ def test_one_report_for_two_logs_is_refused(run, one_line, logs) -> None:
 )
 def test_a_bad_simulation_is_refused(run, one_line, tmp_path, arguments, words) -> None:
     one_line(run("simulate", "-o", tmp_path / "x.mcap", *arguments), *words)
+    one_line(run("simulate", "-o", tmp_path / "x.xlsx", *arguments), "x.xlsx")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("name", ["x.xlsx", "x", "nowhere/x.mcap"])
-def test_a_bad_output_of_a_simulation_is_refused(run, one_line, tmp_path, name) -> None:
-    one_line(run("simulate", "-o", tmp_path / name), str(tmp_path / name))
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("text", ["", "{", "- 1", "name: x\nnonsense: 3\n", "a" * 100])
-def test_a_bad_recipe_is_refused(run, one_line, tmp_path, text) -> None:
-    recipe = tmp_path / "recipe.yaml"
-    recipe.write_text(text)
-    one_line(run("generate", recipe, "-o", tmp_path / "out"), str(recipe))
-    assert not (tmp_path / "out").exists()
-    one_line(run("generate", tmp_path / "none.yaml", "-o", tmp_path / "out"), "none.yaml")
 
 
 def test_a_bad_unit_is_refused(run, one_line, logs, tiny_model_file, tmp_path) -> None:

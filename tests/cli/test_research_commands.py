@@ -59,7 +59,7 @@ def test_classifiers_that_do_not_suit_are_refused(
         stored = StoredClassifier(model, features, "family", window, "x", "0", {}, {})
         save_classifier(stored, tmp_path / f"{name}.skops")
     common = ("diagnose", logs["parquet"], "--classifier")
-    one_line(run(*common, tmp_path / "windows.skops"), "windows of 5 s", "without --window")
+    one_line(run(*common, tmp_path / "windows.skops"), "windows of 5 s")
     one_line(run(*common, tmp_path / "unknown.skops"), "misfit_none", "train it anew")
     (tmp_path / "text.skops").write_text("no classifier")
     one_line(run(*common, tmp_path / "text.skops"), "text.skops", "fdd train --classifier wrote")
@@ -68,9 +68,7 @@ def test_classifiers_that_do_not_suit_are_refused(
 
 
 @pytest.mark.slow
-def test_the_page_for_researchers_is_true(
-    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_page_for_researchers_is_true(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its commands and its Python run one after another, as they stand there, in an empty folder."""
     shutil.copytree(ROOT / "datasets", tmp_path / "datasets")
     monkeypatch.chdir(tmp_path)
@@ -91,17 +89,8 @@ def test_the_page_for_researchers_is_true(
     assert "takes it for" in said[3]
     search = shown["search"]
     assert search.score(shown["X_test"], shown["y_test"]) > 0.5  # type: ignore[attr-defined]
-    assert capsys.readouterr().out.splitlines()[-1] == "(4, 2)"
-    # The same table, by any number of workers, and with windows of the same logs.
-    for k, options in enumerate((["--workers", 2], ["--window", 5, "--workers", 1])):
-        result = run("features", "smoke", "-o", f"{k}.parquet", *options)
-        assert result.exit_code == 0, result.stderr
-    assert Path("0.parquet").read_bytes() == Path("smoke/features.parquet").read_bytes()
-    rows, windows = (parquet.read_table(f).to_pandas() for f in ("0.parquet", "1.parquet"))
+    # The same table, by any number of workers.
+    assert run("features", "smoke", "-o", "again.parquet", "--workers", 2).exit_code == 0
+    assert Path("again.parquet").read_bytes() == Path("smoke/features.parquet").read_bytes()
+    rows = parquet.read_table("again.parquet").to_pandas()
     assert list(rows.columns[-len(FEATURES) :]) == list(FEATURES)
-    last = windows.groupby("file", sort=False).last()
-    assert last["family"].tolist() == rows["family"].tolist(), "by its end a fault acts"
-    first = windows.groupby("file", sort=False).first()
-    assert (first["fault"] == "healthy").mean() > 0.5, "before its onset it does not"
-    later = windows[(windows["family"] != "healthy") & (windows["end_s"] - windows["onset_s"] > 4.0)]
-    assert (later["answer_verdict"] == "faulty").mean() > 0.5

@@ -1,9 +1,12 @@
-"""How a command starts and ends: it loads what it uses and nothing more."""
+"""How a command starts: it loads what it uses and no more; what the shell offers, how help is grouped."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+
+import pytest
 
 UNUSED = [
     "scipy.linalg", "scipy.optimize", "scipy.signal", "scipy.special", "scipy.stats", "pandas", "pyarrow",
@@ -46,3 +49,43 @@ def test_commands_are_found_one_after_the_other() -> None:
     usages = [line.split() for line in done.stdout.splitlines() if "Usage:" in line]
     assert [u[u.index("fdd") + 1] for u in usages] == names[:-1]
     assert done.stdout.splitlines()[-1].startswith("fdd ")
+
+
+def offered(line: str) -> list[str]:
+    """What bash would show after this line; the last word is being typed."""
+    environment = {
+        **os.environ, "_FDD_COMPLETE": "complete_bash", "COMP_WORDS": line,
+        "COMP_CWORD": str(len(line.split(" ")) - 1),
+    }  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", "from fdd.cli import main; main()"], env=environment, capture_output=True,
+        text=True, timeout=60,
+    )  # fmt: skip
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("fdd d", ["diagnose", "demo"]),
+        ("fdd simulate --fault pump", ["pump_wear"]),
+        ("fdd diagnose run.mcap --unit ", ["axis_a", "axis_b"]),
+        ("fdd identify --base rig", []),
+    ],
+)
+def test_the_shell_offers(line: str, expected: list[str]) -> None:
+    assert offered(line) == expected
+
+
+def test_help_is_grouped(run) -> None:
+    shown = run("--help").stdout
+    places = [shown.index(f" {title} ─") for title in ("Use", "Rigs", "Research")]
+    use, rigs, research = places
+    assert places == sorted(places)
+    for command, (start, stop) in {
+        "diagnose": (use, rigs), "identify": (rigs, research), "profile": (rigs, research),
+        "simulate": (research, len(shown)),
+    }.items():  # fmt: skip
+        assert start < shown.index(f"│ {command} ") < stop
+    assert "--install-completion" in shown

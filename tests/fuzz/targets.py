@@ -97,17 +97,9 @@ def _calls(module: str, name: str) -> Callable[[Path], object]:
     return lambda path: attrgetter(name)(import_module(module))(path)
 
 
-def _duty(path: Path) -> None:
-    from fdd.data_sheet import typed_unit
-    from fdd.data_sheet.duty import read_duty
-    from fdd.data_sheet.sizing import sized
-
-    typed_unit(sized(read_duty(path)).answers)
-
-
 def _answers(path: Path) -> None:
     """An earlier answer, as ``fdd diagnose --resume`` takes it up."""
-    from fdd.cli.answers import ANSWERS, AnswersFolder
+    from fdd.cli.batch import ANSWERS, AnswersFolder
 
     folder = path.parent / "answers"
     folder.mkdir(exist_ok=True)
@@ -154,7 +146,6 @@ KINDS: dict[str, Kind] = {
     "sheet": Kind(
         _calls("fdd.data_sheet.answers", "read_answers"), data_changed, ("examples/*.datasheet.yaml",)
     ),
-    "duty": Kind(_duty, data_changed, ("examples/*.duty.yaml",)),
     "answers": Kind(_answers, data_changed),
     "lines": Kind(_lines, data_changed),
 }

@@ -13,11 +13,8 @@ from sklearn.model_selection import GridSearchCV, GroupKFold
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from fdd import load_dataset
-from fdd.learning import FaultClassifier, LogFeatures
+from fdd.learning import FaultClassifier
 from fdd.learning.classifier import boosting, logistic
-from fdd.learning.features import FEATURES
-from fdd.samples import Samples
-from fdd.unit import Unit
 
 
 @pytest.mark.slow
@@ -81,11 +78,3 @@ def test_too_few_rows_are_not_calibrated_but_classified() -> None:
     assert model.predict_proba(x).sum(axis=1) == pytest.approx(np.ones(40))
     with pytest.raises(ValueError, match="kind is logistic or boosting"):
         FaultClassifier("forest").fit(x, y)  # type: ignore[arg-type]
-
-
-def test_logs_become_rows() -> None:
-    time = np.arange(0.0, 1.0, 1e-3)
-    log = Samples(time, {"pump_angle": 10.0 * time, "position": 0.0 * time, "pressure_difference": time})
-    table = LogFeatures().fit_transform([(log, Unit.load("axis_a"))] * 2)
-    assert list(table.columns) == list(FEATURES) == LogFeatures().get_feature_names_out().tolist()
-    assert table["pump_speed_rms"].tolist() == pytest.approx([10.0, 10.0])

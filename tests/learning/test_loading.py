@@ -15,11 +15,10 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 
 from fdd import load_dataset
-from fdd.campaign.dataset import Dataset
+from fdd.campaign.dataset import Dataset, split_of
 from fdd.campaign.feature_table import TOLD, read_features
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.splits import split_of
 from fdd.errors import InputError
 from fdd.learning.features import FEATURES
 
@@ -43,7 +42,7 @@ def test_other_seeds_divide_otherwise() -> None:
 
 def test_arrays_are_the_rows_of_a_split(few: Path, few_features: Path) -> None:
     data = load_dataset(few, few_features)
-    assert data.names == tuple(FEATURES) and data.window_s is None
+    assert data.names == tuple(FEATURES)
     seen: dict[str, set[str]] = {}
     for split in SPLITS:
         x, y, groups = data.arrays(split)

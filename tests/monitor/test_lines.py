@@ -136,7 +136,7 @@ def test_the_time_of_day_is_counted_from_the_start() -> None:
     parser = LineParser()
     block = parser.samples(steady(1.7e9, 50))
     assert block.time[0] == 0.0 and abs(block.time[-1] - 0.049) < 1e-6
-    assert parser.offset == -1.7e9
+    assert parser.clock.offset == -1.7e9
 
 
 def test_dropped_rows_are_counted() -> None:

@@ -8,27 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from fdd.diagnosis.findings import (
-    Diagnosis,
-    Estimate,
-    FaultFinding,
-    Invisible,
-    Quality,
-    SensorState,
-    Trajectories,
-)
+from fdd.diagnosis import findings
+from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Invisible, Trajectories
 from fdd.faults import FAMILIES
 from fdd.samples import Samples
 from fdd.unit import Unit
 
 FEATURES = ["volume", "force", "torque", "shaft", "coherence", "refeed", "reservoir"]
 BASELINES = {"leakage": 6.52e-12, "bulk_modulus": 2.1e8, "coulomb_friction": 132.0, "viscous_friction": 61.0}
-SI_UNITS = {
-    "leakage": "m^3/(s*Pa)",
-    "bulk_modulus": "Pa",
-    "coulomb_friction": "N",
-    "viscous_friction": "N*s/m",
-}
+SI_UNITS = dict(zip(BASELINES, ("m^3/(s*Pa)", "Pa", "N", "N*s/m"), strict=True))
 
 
 @dataclass
@@ -88,56 +76,32 @@ def made_up(verdict: str = "faulty", rows: int = 60_000, seed: int = 1, log: str
     faulty = verdict == "faulty"
     trajectories = _trajectories(samples, duration, onset, verdict, rng)
     last = {name: float(v[-1]) for name, v in trajectories.probabilities.items()}
+    ekf, stds = trajectories.estimates["ekf"], trajectories.stds["ekf"]
     estimates = {
         name: Estimate(
-            unit=SI_UNITS[name],
-            baseline=BASELINES[name],
-            value=float(trajectories.estimates["ekf"][name][-1]),
-            std=float(trajectories.stds["ekf"][name][-1]),
-            observable=bool(trajectories.observable[name].any()),
+            unit=SI_UNITS[name], baseline=BASELINES[name], value=float(ekf[name][-1]),
+            std=float(stds[name][-1]), observable=bool(trajectories.observable[name].any()),
         )
         for name in BASELINES
-    }
+    }  # fmt: skip
     finding = FaultFinding(
-        fault="internal_leakage",
-        family="leakage",
-        ambiguity=["internal_leakage", "pump_wear"],
-        confidence=0.97,
-        onset_s=onset,
-        detected_s=onset + 0.6,
-        severity=0.41,
-        evidence=[
-            "The leakage coefficient rose from 6.5 to 11.4 × 10⁻¹² m³/(s·Pa), 49 times its spread.",
-            "Both estimators agree within 4 %.",
-            "Bulk modulus and friction stayed within 2 standard deviations of their healthy values.",
-        ],
-        severity_interval=(0.35, 0.47),
-        next_check="Block the rod and read the pump's speed.",
-    )
+        fault="internal_leakage", family="leakage", ambiguity=["internal_leakage", "pump_wear"],
+        confidence=0.97, onset_s=onset, detected_s=onset + 0.6, severity=0.41,
+        evidence=["The leakage coefficient rose from 6.5 to 11.4 × 10⁻¹² m³/(s·Pa), 49 times its spread."],
+        severity_interval=(0.35, 0.47), next_check="Block the rod and read the pump's speed.",
+    )  # fmt: skip
+    quality = findings.Quality(
+        dropped_samples=rows - len(samples), nan_samples=int(np.isnan(samples["motor_current"]).sum()),
+        notes=["Motor current is missing from 20.0 to 22.0 s."] if faulty else [],
+    )  # fmt: skip
+    sensors = [("position", "trusted", None), ("motor_current", "missing", 20.0)]
     diagnosis = Diagnosis(
-        log=log,
-        axis="axis_a",
-        unit="axis_a",
-        duration_s=duration,
-        samples=len(samples),
-        verdict=verdict,
-        faults=[finding] if faulty else [],
-        probabilities=last,
-        estimates=estimates,
-        quality=Quality(
-            dropped_samples=rows - len(samples),
-            nan_samples=int(np.isnan(samples["motor_current"]).sum()),
-            notes=["Motor current is missing from 20.0 to 22.0 s."] if faulty else [],
-        ),
-        sensors=[
-            SensorState(channel="position", state="trusted"),
-            SensorState(channel="motor_current", state="missing", since=20.0),
-        ],
-        not_visible=[
-            Invisible(fault="internal_leakage", severity=0.07),
-            Invisible(fault="coupling_wear", severity=None),
-        ],
-    )
+        log=log, axis="axis_a", unit="axis_a", duration_s=duration, samples=len(samples), verdict=verdict,
+        faults=[finding] if faulty else [], probabilities=last, estimates=estimates, quality=quality,
+        sensors=[findings.SensorState(channel=c, state=s, since=t) for c, s, t in sensors],
+        not_visible=[Invisible(fault="internal_leakage", severity=0.07),
+                     Invisible(fault="coupling_wear", severity=None)],
+    )  # fmt: skip
     settings = {"model": "shipped", "false alarms per hour": "0.1", "block": "10000 samples"}
     return Case(diagnosis, trajectories, samples, Unit.load("axis_a"), settings)
 
@@ -147,12 +111,8 @@ def _trajectories(
 ) -> Trajectories:
     time = samples.time[::5].copy()
     rise = (time > onset) * (1.0 - np.exp(-np.maximum(time - onset, 0.0) / 0.8)) * (verdict == "faulty")
-    truth = {
-        "leakage": BASELINES["leakage"] + 4.9e-12 * rise,
-        "bulk_modulus": np.full(time.size, BASELINES["bulk_modulus"]),
-        "coulomb_friction": np.full(time.size, BASELINES["coulomb_friction"]),
-        "viscous_friction": np.full(time.size, BASELINES["viscous_friction"]),
-    }
+    truth = {name: np.full(time.size, value) for name, value in BASELINES.items()}
+    truth["leakage"] += 4.9e-12 * rise
     estimates: dict[str, dict[str, np.ndarray]] = {"ekf": {}, "svsf": {}}
     stds: dict[str, dict[str, np.ndarray]] = {"ekf": {}, "svsf": {}}
     for key, noise in (("ekf", 0.015), ("svsf", 0.025)):
@@ -162,23 +122,16 @@ def _trajectories(
             estimates[key][name] = values + 0.7 * std * wander
             stds[key][name] = std
     moving = np.sin(2 * np.pi * time / 8.0 + 0.6) > -0.4
-    observable = {
-        "leakage": np.ones(time.size, dtype=bool),
-        "bulk_modulus": moving,
-        "coulomb_friction": moving,
-        "viscous_friction": np.zeros(time.size, dtype=bool),
-    }
+    seen = np.ones(time.size, dtype=bool)
+    observable = dict(zip(BASELINES, (seen, moving, moving, ~seen), strict=True))
     window_time = np.arange(0.5, duration, 0.25)
     after = (window_time > onset) & (verdict == "faulty")
     features = np.sqrt(rng.chisquare(4, size=(window_time.size, len(FEATURES))) / 4.0)
     features[after, 0] += 24.0
     features[after, 6] += 5.0
     walk = np.where(after, 2.2, -0.6) + rng.normal(0.0, 0.8, window_time.size)
-    statistic = np.empty(window_time.size)
-    level = 0.0
-    for i, step in enumerate(walk):
-        level = max(0.0, level + step)
-        statistic[i] = level
+    total = np.cumsum(walk)
+    statistic = total - np.minimum.accumulate(np.minimum(total, 0.0))  # CUSUM
     sure = 0.97 / (1.0 + np.exp(-(window_time - onset - 0.5) / 0.3)) if verdict == "faulty" else 0.01
     table = {name: np.full(window_time.size, 0.002) for name in FAMILIES}
     table["leakage"] = np.clip(np.full(window_time.size, 0.0) + sure, 0.005, 0.97)
@@ -187,15 +140,7 @@ def _trajectories(
         table["friction"] = np.full(window_time.size, 0.25)
     table["healthy"] = 1.0 - sum(p for name, p in table.items() if name != "healthy")
     return Trajectories(
-        time=time,
-        estimates=estimates,
-        stds=stds,
-        observable=observable,
-        nis={key: rng.chisquare(3, time.size) for key in estimates},
-        window_time=window_time,
-        feature_names=list(FEATURES),
-        features=features,
-        statistic=statistic,
-        threshold=12.0,
-        probabilities=table,
-    )
+        time=time, estimates=estimates, stds=stds, observable=observable, window_time=window_time,
+        nis={key: rng.chisquare(3, time.size) for key in estimates}, feature_names=list(FEATURES),
+        features=features, statistic=statistic, threshold=12.0, probabilities=table,
+    )  # fmt: skip

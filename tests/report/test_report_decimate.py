@@ -56,19 +56,6 @@ def test_ends_extremes_and_gaps_are_kept(values: np.ndarray, buckets: int) -> No
     assert np.isnan(kept).any() == np.isnan(values).any()
 
 
-@given(st.sets(st.integers(0, 19_999), min_size=1, max_size=40), st.integers(0, 2**32 - 1))
-@settings(max_examples=50, deadline=None)
-def test_lone_spikes_survive_in_noise(places: set[int], seed: int) -> None:
-    values = np.random.default_rng(seed).normal(size=20_000)
-    spikes = np.array(sorted(places))
-    values[spikes] = 100.0
-    kept_time, kept = decimate(np.arange(20_000.0), values, 200)
-    shown = kept_time[kept == 100.0]
-    # Spikes in one bucket (100 samples) share a pixel: each has a kept one within it.
-    assert all(np.abs(shown - at).min() < 100 for at in spikes)
-    assert kept.size <= 800
-
-
 def test_long_runs_of_missing_values_stay_missing() -> None:
     values = np.ones(50_000)
     values[20_000:30_000] = np.nan

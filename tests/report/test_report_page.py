@@ -58,18 +58,10 @@ def test_everything_that_was_asked_for_is_there(case: Callable[..., Any]) -> Non
     assert set(page.figures) == wanted
     assert {f"plot-{name}" for name in wanted} <= set(page.attributes("id"))
     for words in (
-        "+75 %",
-        "2026-01-02 03:04 UTC",
-        "axis_a",
-        "numpy",
-        "false alarms per hour",
-        "Sensors not trusted",
-        "missing, since 20.0 s",
-        "Would have been invisible",
-        "below severity 0.07",
-        "To confirm it: Block the rod",
-        "10000 samples",
-    ):
+        "+75 %", "2026-01-02 03:04 UTC", "axis_a", "numpy", "false alarms per hour", "Sensors not trusted",
+        "missing, since 20.0 s", "Would have been invisible", "below severity 0.07",
+        "To confirm it: Block the rod", "10000 samples",
+    ):  # fmt: skip
         assert words in page.text
     assert "width=device-width" in "".join(page.attributes("content"))
 
@@ -228,16 +220,9 @@ def test_little_or_broken_data_still_makes_a_page(case: Callable[..., Any]) -> N
     t.probabilities["leakage"][5] = np.nan
     t.estimates["ekf"]["leakage"][:] = np.nan
     t.stds["svsf"]["bulk_modulus"][:] = np.inf
-    made.diagnosis.faults = [
-        FaultFinding(
-            fault="unknown",
-            family="unknown",
-            ambiguity=[],
-            confidence=0.4,
-            onset_s=float("nan"),
-            detected_s=3.0,
-        )
-    ]
+    nowhere = {"onset_s": float("nan"), "detected_s": 3.0}
+    unknown = FaultFinding(fault="unknown", family="unknown", ambiguity=[], confidence=0.4, **nowhere)
+    made.diagnosis.faults = [unknown]
     one_row = made.samples.rows(0, 1)
     page = Page(render_report(made.diagnosis, t, one_row, made.unit, {}))
     assert "statistic" not in page.figures
@@ -256,11 +241,6 @@ def test_size_and_time_are_bounded(case: Callable[..., Any]) -> None:
         for drawn in figure["data"]:
             if isinstance(drawn["y"], dict):
                 assert decoded(drawn["y"]).size <= 6_000
-
-
-def test_a_long_log_makes_no_longer_page(case: Callable[..., Any]) -> None:
-    short, long = (len(render_report(*case("healthy", rows=n).arguments())) for n in (60_000, 400_000))
-    assert long < 1.3 * short
 
 
 def test_probabilities_always_fill_the_whole_height(case: Callable[..., Any]) -> None:

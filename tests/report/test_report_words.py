@@ -6,17 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-from fdd.diagnosis.findings import FaultFinding, Quality
-from fdd.report.tables import (
-    estimate_rows,
-    invisible_rows,
-    number,
-    quality_rows,
-    sensor_rows,
-    with_std,
-)
+from fdd.diagnosis.findings import Quality
+from fdd.report import tables
+from fdd.report.tables import estimate_rows, number, with_std
 from fdd.report.words import finding_words, headline, percent, severity_one, span, verdict_words
 from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
@@ -80,12 +72,6 @@ def test_a_fault_that_stands_alone_names_no_other(case: Callable[..., Any]) -> N
     assert "severity" not in words.headline
 
 
-def test_healthy(case: Callable[..., Any]) -> None:
-    diagnosis = case("healthy", rows=6_000).diagnosis
-    diagnosis.duration_s = 60.0
-    assert headline(diagnosis) == "Healthy: no fault found in 60 s"
-
-
 def test_inconclusive_says_why(case: Callable[..., Any]) -> None:
     diagnosis = case("inconclusive", rows=6_000).diagnosis
     assert diagnosis.quality.notes == []
@@ -103,50 +89,21 @@ def test_inconclusive_says_why(case: Callable[..., Any]) -> None:
 
 def test_the_surest_of_several_faults_comes_first(case: Callable[..., Any]) -> None:
     diagnosis = case("faulty", rows=6_000).diagnosis
-    surer = FaultFinding(
-        fault="aeration",
-        family="aeration",
-        ambiguity=["aeration"],
-        confidence=0.99,
-        onset_s=1.0,
-        detected_s=2.0,
-    )
-    diagnosis.faults.append(surer)
+    update = {"fault": "aeration", "ambiguity": [], "confidence": 0.99, "onset_s": 1.0, "severity": None}
+    diagnosis.faults.append(diagnosis.faults[0].model_copy(update=update))
     words = verdict_words(diagnosis)
     assert words.headline == "Air in the oil, since 1.0 s, 99 % sure"
     assert len(words.findings) == 2
     assert words.remark.startswith("2 faults")
-
-
-def test_faulty_without_a_named_fault_still_has_a_headline(case: Callable[..., Any]) -> None:
-    diagnosis = case("faulty", rows=6_000).diagnosis
     diagnosis.faults = []
     assert headline(diagnosis).startswith("Faulty")
 
 
-@pytest.mark.parametrize(
-    ("share", "words"),
-    [
-        (0.0, "under 1 %"),
-        (0.004, "under 1 %"),
-        (0.5, "50 %"),
-        (0.994, "99 %"),
-        (1.0, "over 99 %"),
-        (float("nan"), "–"),
-    ],
-)
-def test_percent_never_claims_certainty(share: float, words: str) -> None:
-    assert percent(share) == words
-
-
-@pytest.mark.parametrize(
-    ("duration", "words"), [(4.51, "4.5 s"), (60.0, "60 s"), (1500.0, "25 min"), (7200.0, "2.0 h")]
-)
-def test_spans(duration: float, words: str) -> None:
-    assert span(duration) == words
-
-
-def test_values_are_rounded_by_their_spread() -> None:
+def test_shares_never_claim_certainty_and_spans_and_values_are_rounded() -> None:
+    shares = {0.0: "under 1 %", 0.004: "under 1 %", 0.5: "50 %", 0.994: "99 %", 1.0: "over 99 %"}
+    assert {share: percent(share) for share in shares} == shares and percent(float("nan")) == "–"
+    spans = {4.51: "4.5 s", 60.0: "60 s", 1500.0: "25 min", 7200.0: "2.0 h"}
+    assert {seconds: span(seconds) for seconds in spans} == spans
     assert with_std(9.8123, 0.1049) == "9.81 ± 0.10"
     assert with_std(-209.7, 12.2) == "−210 ± 12"
     assert with_std(None, 1.0) == "–"
@@ -177,8 +134,8 @@ def test_a_place_is_told_where_it_is_known(case: Callable[..., Any]) -> None:
 
 def test_what_the_log_could_not_tell(case: Callable[..., Any]) -> None:
     diagnosis = case("healthy", rows=6_000).diagnosis
-    assert sensor_rows(diagnosis) == [("motor current", "missing, since 20.0 s")]
-    assert invisible_rows(diagnosis) == [
+    assert tables.sensor_rows(diagnosis) == [("motor current", "missing, since 20.0 s")]
+    assert tables.invisible_rows(diagnosis) == [
         ("coupling wear", "at any severity"),
         ("internal leakage", "below severity 0.07"),
     ]
@@ -187,6 +144,6 @@ def test_what_the_log_could_not_tell(case: Callable[..., Any]) -> None:
 def test_dropped_samples_are_counted_against_all_that_were_sent(case: Callable[..., Any]) -> None:
     diagnosis = case("healthy", rows=6_000).diagnosis
     diagnosis.samples, diagnosis.quality = 900, Quality(dropped_samples=100)
-    rows = dict(quality_rows(diagnosis))
+    rows = dict(tables.quality_rows(diagnosis))
     assert rows["Dropped samples"] == "100 (10 %)"
     assert rows["Samples with missing values"] == "0"

@@ -1,4 +1,4 @@
-"""``fdd trend``: a unit over its life."""
+"""``fdd compare`` and ``fdd trend``: what changed between two logs of a unit, and where it is going."""
 
 from __future__ import annotations
 
@@ -17,12 +17,52 @@ if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
     from fdd.history.trend import Each
     from fdd.offline.diagnoser import Settings
+    from fdd.report.sheet import Sheet
     from fdd.unit import Unit
 
 UNREADABLE_STATUS = 2
 ANSWERS_SUFFIX = ".jsonl"
 SINCE_S = {"h": 3600.0, "d": 86400.0, "w": 604800.0}
-PAGE, TABLE, DATA = "index.html", "trend.csv", "trend.json"
+Answered = tuple[list["Diagnosis"], "Unit | None"]
+"""Answers, and the profile that they were given on where it is at hand."""
+
+
+def compare(
+    a: Annotated[Path, argument("The log before.", "A")],
+    b: Annotated[Path, argument("The log after.", "B")],
+    unit: options.UnitOption = None,
+    map_: options.MapOption = None,
+    axis: options.AxisOption = None,
+    json_: options.JsonOption = None,
+    report: options.ReportOption = None,
+) -> None:
+    """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
+    from fdd.cli.console import progress
+    from fdd.cli.which_logs import names_of
+    from fdd.history.compare import Side
+    from fdd.history.compare import compare as compared
+    from fdd.history.compare_view import compare_sheet
+    from fdd.offline.diagnoser import Diagnoser, Job, Settings, unit_of
+
+    require_outputs(json_, report)
+    diagnoser = Diagnoser(Settings(unit, map_, None, axis))
+    jobs = [Job(path, name) for path, name in zip((a, b), names_of([a, b]), strict=True)]
+    logs = [diagnoser.read(job) for job in jobs]
+    notes = []
+    if diagnoser.unit is None:  # the profile in log A, or the default, is for both
+        diagnoser.unit, note = unit_of(logs[0], None)
+        notes = [note] if note else []
+        if note is None and len({log.metadata.get("unit", {}).get("yaml") for log in logs}) > 1:
+            notes = ["the logs carry different profiles: both are diagnosed on that in A"]
+    sides = []
+    with progress("diagnosing 2 logs", 2) as advance:
+        for job, log in zip(jobs, logs, strict=True):
+            found = diagnoser.diagnose(job, log)
+            sides.append(Side(found.diagnosis, found.trajectories, log.samples))
+            advance(float(len(sides)))
+    answer, spectra = compared(sides[0], sides[1], diagnoser.unit)
+    answer.notes += notes
+    _tell(answer.model_dump_json(by_alias=True, indent=2), compare_sheet(answer, spectra), json_, report)
 
 
 def trend(
@@ -48,13 +88,12 @@ def trend(
     workers: options.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
-    from fdd.cli.console import output
-    from fdd.cli.tables import print_sheet
     from fdd.files import require_writable, write_text, written
     from fdd.history.limits import given_limits, severity_one
     from fdd.history.trend import trend_of
-    from fdd.history.trend_view import trend_csv, trend_sheet, trend_tables
+    from fdd.history.trend_view import trend_csv, trend_sheet
     from fdd.offline.diagnoser import Settings
+    from fdd.report.plotly import write_bundle
     from fdd.report.sheet import render_sheet
 
     chosen = given_limits(limit or [])
@@ -66,11 +105,17 @@ def trend(
     if (since is not None and not stored) or (stored and len(logs) > 1):
         raise InputError("--since, and a store, stand alone", mend="give one store, e.g. sqlite:///fdd.db")
     each: Each = "log"
-    known: Unit | None
+    paths = [Path(text) for text in logs]
+    files = [path for path in paths if path.suffix.lower() == ANSWERS_SUFFIX]
     if stored:
-        answers, known, each = _of_store(stored[0], settings, since)
+        (answers, known), each = _of_store(stored[0], settings, since)
+    elif files and len(files) < len(logs):
+        mend = f"give either, or a {ANSWERS_SUFFIX} of all"
+        raise InputError("answers and logs in one command", where=files[0], mend=mend)
+    elif files:
+        answers, known = _of_answers(files, settings)
     else:
-        answers, known = _answers([Path(text) for text in logs], settings, workers, output_)
+        answers, known = _of_logs(paths, settings, workers, output_)
     for answer in answers:
         if answer.error:
             print(f"fdd: error: {answer.error}", file=sys.stderr)
@@ -78,28 +123,34 @@ def trend(
     life, courses = trend_of(answers, limits, each)
     if not limits:
         life.notes.append(f"No limits: profile {life.unit} is not at hand (give --unit, or --limit).")
-    told = life.model_dump_json(by_alias=True, indent=2)
-    write_json(json_, told)
-    sheet = trend_sheet(life, courses)
-    if report is not None:
-        write_text(report, render_sheet(sheet))
+    told, sheet = life.model_dump_json(by_alias=True, indent=2), trend_sheet(life, courses)
     if output_ is not None:
-        from fdd.report.plotly import write_bundle
-
         with written(output_):
             output_.mkdir(parents=True, exist_ok=True)
         write_bundle(output_)
-        write_json(str(output_ / DATA), told)
-        write_text(output_ / TABLE, trend_csv(life))
-        write_text(output_ / PAGE, render_sheet(sheet, alone=False))
-    if json_ != "-":
-        print_sheet(output(), [life.headline], trend_tables(life), life.notes)
+        write_json(str(output_ / "trend.json"), told)
+        write_text(output_ / "trend.csv", trend_csv(life))
+        write_text(output_ / "index.html", render_sheet(sheet, alone=False))
+    _tell(told, sheet, json_, report)
     if any(a.error for a in answers):
         raise typer.Exit(UNREADABLE_STATUS)
 
 
-def _of_store(url: str, settings: Settings, since: str | None) -> tuple[list[Diagnosis], Unit, Each]:
-    """An axis's days or hours, and its profile."""
+def _tell(answer: str, sheet: Sheet, json_: str | None, report: Path | None) -> None:
+    """An answer as data, as a page, and for people."""
+    from fdd.cli.tables import print_sheet
+    from fdd.files import write_text
+    from fdd.report.sheet import render_sheet
+
+    write_json(json_, answer)
+    if report is not None:
+        write_text(report, render_sheet(sheet))
+    if json_ != "-":
+        print_sheet(sheet)
+
+
+def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered, Each]:
+    """Of an axis's minutes, hours or days."""
     require_packages("serve", "sqlalchemy")
     import time
 
@@ -115,53 +166,40 @@ def _of_store(url: str, settings: Settings, since: str | None) -> tuple[list[Dia
         axis, unit = axis_of(store, settings.axis)
         unit = settings.load_unit() or unit
         if unit is None:
-            raise InputError(
-                f"the store has no profile of axis {axis}", where=store.where, mend="give --unit"
-            )
+            problem = f"the store has no profile of axis {axis}"
+            raise InputError(problem, where=store.where, mend="give --unit")
         each = told_by(store, axis, begin)
         answers = answers_of(store, axis, unit, each, begin)
     finally:
         store.close()
     if not answers:
-        raise InputError(
-            f"holds no estimate of axis {axis} since then", where=store.where, mend="go further back"
-        )
-    return answers, unit, each
+        problem = f"holds no estimate of axis {axis} since then"
+        raise InputError(problem, where=store.where, mend="go further back")
+    return (answers, unit), each
 
 
-def _answers(
-    logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None
-) -> tuple[list[Diagnosis], Unit | None]:
-    """The logs' answers, and the profile that they were given on where it is at hand."""
-    files = [path for path in logs if path.suffix.lower() == ANSWERS_SUFFIX]
-    if files and len(files) < len(logs):
-        raise InputError(
-            "answers and logs in one command",
-            where=files[0],
-            mend=f"give either, or a {ANSWERS_SUFFIX} of all",
-        )
-    if files:
-        return _read_answers(files, settings)
+def _of_logs(logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None) -> Answered:
     from fdd.cli.batch import worked
     from fdd.cli.console import progress
-    from fdd.cli.which_logs import find_logs, jobs_of
-    from fdd.offline.diagnoser import Diagnoser, unit_of
+    from fdd.cli.which_logs import find_logs, names_of
+    from fdd.offline.diagnoser import Diagnoser, Job, unit_of
 
-    paths = find_logs(logs, leave_out=leave_out)
-    jobs = jobs_of(paths)
+    paths = find_logs(logs, leave_out)
+    jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
     diagnoser = Diagnoser(settings)
     found: dict[int, Diagnosis] = {}
     with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
         for k, answer in worked(list(enumerate(jobs)), settings, workers):
             found[k] = answer
             advance(len(found))
-    first = next((k for k in sorted(found) if found[k].error is None), None)
-    if diagnoser.unit is None and first is not None:
-        return [found[k] for k in sorted(found)], unit_of(diagnoser.read(jobs[first]), None)[0]
-    return [found[k] for k in sorted(found)], diagnoser.unit
+    answers, unit = [found[k] for k in sorted(found)], diagnoser.unit
+    first = next((job for job, answer in zip(jobs, answers, strict=True) if answer.error is None), None)
+    if unit is None and first is not None:
+        unit = unit_of(diagnoser.read(first), None)[0]
+    return answers, unit
 
 
-def _read_answers(files: list[Path], settings: Settings) -> tuple[list[Diagnosis], Unit | None]:
+def _of_answers(files: list[Path], settings: Settings) -> Answered:
     """What `fdd diagnose -o` wrote; of the axis and profile that the command line names, if it does."""
     from pydantic import ValidationError
 
@@ -181,11 +219,8 @@ def _read_answers(files: list[Path], settings: Settings) -> tuple[list[Diagnosis
             try:
                 answer = Diagnosis.model_validate_json(line)
             except ValidationError:
-                raise InputError(
-                    f"line {number}: no answer of fdd diagnose",
-                    where=path,
-                    mend="make it anew with fdd diagnose -o",
-                ) from None
+                problem = f"line {number}: no answer of fdd diagnose"
+                raise InputError(problem, where=path, mend="make it anew with fdd diagnose -o") from None
             if len(files) > 1:  # the logs of each month may have the same names
                 answer.log = f"{path.parent.name}/{answer.log}"
             wanted = settings.axis in (None, answer.axis) and (unit is None or answer.unit == unit.name)
@@ -193,9 +228,8 @@ def _read_answers(files: list[Path], settings: Settings) -> tuple[list[Diagnosis
                 found.append(answer)
     named = {a.unit for a in found if a.error is None}
     if unit is not None and not named:
-        raise InputError(
-            f"no answer on profile {unit.name}", where=files[0], mend="name the profile it was made with"
-        )
+        problem = f"no answer on profile {unit.name}"
+        raise InputError(problem, where=files[0], mend="name the profile it was made with")
     if unit is None and len(named) == 1 and (name := min(named)) in shipped_units():
         unit = Unit.load(name)
     return found, unit

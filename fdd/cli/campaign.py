@@ -1,0 +1,225 @@
+"""``fdd generate``, ``features``, ``train`` and ``validate``: labelled data sets, and what they teach."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from fdd.cli.options import (
+    DatasetArgument,
+    EngineOption,
+    ModelOption,
+    WorkersOption,
+    argument,
+    option,
+    require_packages,
+)
+from fdd.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from fdd.campaign.train import ScoredLog
+
+Target = Literal["family", "fault"]
+
+
+def generate(
+    recipe: Annotated[Path, argument("Recipe of the campaign (YAML).")],
+    out: Annotated[Path, option("Folder of the data set.", "--out", "-o")],
+    workers: WorkersOption = None,
+    units: Annotated[int | None, option("Units, instead of the recipe's.", min=1)] = None,
+    logs: Annotated[int | None, option("Logs of each unit, instead of the recipe's.", min=0)] = None,
+    twins: Annotated[
+        bool | None,
+        option("Each faulty log once more without its faults, instead of the recipe's; twice the time.",
+               "--twins/--no-twins"),
+    ] = None,
+    engine: EngineOption = "local",
+) -> None:  # fmt: skip
+    """Generate a labelled data set of simulated runs."""
+    from fdd.files import require_writable
+
+    require_writable(out, folder=True)
+
+    from fdd.campaign.generate import generate as run
+    from fdd.campaign.recipe import Recipe
+    from fdd.cli.console import counted
+
+    campaign = Recipe.load(recipe)
+    given = {"units": units, "logs_per_unit": logs, "twins": twins}
+    asked = {name: value for name, value in given.items() if value is not None}
+    if asked:
+        campaign = Recipe(**{**campaign.model_dump(by_alias=True), **asked})
+    with counted(f"generating {out.name}") as step:
+        run(campaign, out, workers=workers, engine=engine, progress=step)
+    print(f"Data set written to {out}")
+
+
+def features(
+    dataset: DatasetArgument,
+    out: Annotated[
+        Path,
+        option("Table to write; as features.parquet in the data set's folder it is found there.",
+               "--out", "-o", metavar="FILE.parquet"),
+    ],
+    model: ModelOption = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = "local",
+) -> None:  # fmt: skip
+    """Make a table of features and truth of a data set: a row for each log."""
+    from fdd.files import require_writable
+
+    require_writable(out)
+
+    from fdd.campaign.feature_table import feature_table, write_features
+    from fdd.cli.console import counted
+
+    asked = None if model is None else str(model)
+    with counted(f"features of {dataset.name}") as step:
+        table = feature_table(dataset, model=asked, workers=workers, engine=engine, progress=step)
+    write_features(table, out)
+    print(f"{table.num_rows} rows of {table.num_columns} columns written to {out}")
+
+
+def validate(
+    dataset: DatasetArgument,
+    model: Annotated[str | None, option("Model file that fdd train wrote; the shipped one else.")] = None,
+    out: Annotated[Path | None, option("Folder for validation.md and outcomes.csv.", "--out", "-o")] = None,
+    workers: WorkersOption = None,
+    engine: EngineOption = "local",
+) -> None:
+    """Diagnose every log of a data set and compare with its truth."""
+    from fdd.files import require_writable, write_text, written
+
+    if out is not None:
+        require_writable(out, folder=True)
+
+    from fdd.campaign.dataset import Dataset
+    from fdd.campaign.validate import outcomes_csv, report_text, summary
+    from fdd.campaign.validate import validate as run
+    from fdd.cli.console import counted
+    from fdd.diagnosis.model import Model
+
+    data = Dataset.load(dataset)
+    with counted(f"validating on {data.recipe.name}") as step:
+        outcomes = run(dataset, model, workers=workers, engine=engine, progress=step)
+    asked = Model.load(model)
+    print(summary(outcomes, asked), end="")
+    if out is not None:
+        with written(out):
+            out.mkdir(parents=True, exist_ok=True)
+        write_text(out / "validation.md", report_text(outcomes, data, asked))
+        write_text(out / "outcomes.csv", outcomes_csv(outcomes))
+        print(f"Written to {out}")
+
+
+def train(
+    datasets: Annotated[list[Path], argument("Folders that fdd generate made.")],
+    out: Annotated[Path, option("Model file (JSON), or classifier file (.skops).", "--out", "-o")],
+    classifier: Annotated[
+        str | None,
+        option(
+            "Train a classifier of scikit-learn's kind instead: logistic, boosting, of an installed "
+            "package, or what a function returns.",
+            metavar="NAME|MODULE:FUNCTION",
+        ),
+    ] = None,
+    target: Annotated[Target, typer.Option(help="What a classifier is to tell.")] = "family",
+    spreads: Annotated[
+        bool,
+        typer.Option(
+            "--spreads/--no-spreads",
+            help="Learn as well what healthy units and logs differ by, instead of taking fdd's own; "
+            "from 20 units on, with twins best.",
+        ),
+    ] = False,
+    workers: WorkersOption = None,
+) -> None:
+    """Learn from data sets how often healthy logs reach a score, and what a score is worth."""
+    from fdd.files import require_writable
+
+    require_writable(out)
+    if classifier is not None:
+        _train_classifier(classifier, datasets, out, target, workers)
+        return
+
+    from fdd.campaign.scores import rate
+    from fdd.campaign.train import train as fit
+    from fdd.cli.console import counted, output
+
+    count = workers or os.cpu_count() or 1
+    found = None
+    try:
+        if spreads:
+            from fdd.campaign.spreads import learn_spreads
+
+            with counted("what healthy logs differ by") as step:
+                found = learn_spreads([str(d) for d in datasets], workers=count, progress=step)
+        with counted("training") as step:
+            model, logs = fit(datasets, workers=count, progress=step, spreads=found)
+    except InputError as error:
+        raise (error if error.where else error.at(datasets[0])) from None
+    model.save(out)
+    output().print(confusion_table(logs))
+    tail = model.tail
+    passed = rate(round(tail.rate_per_hour * tail.hours), tail.hours)
+    print(
+        f"Healthy: scores pass {0.5 * tail.height**2:.1f} {passed}, 95 %, and {tail.threshold(1.0):.1f} once."
+    )
+    print(
+        f"Where one log in {1.0 / model.calibration.prior:.0f} is faulty, one with a score of "
+        f"{model.calibration.even:.1f} is so as likely as not."
+    )
+    print(f"Model written to {out}")
+
+
+def _train_classifier(
+    name: str, datasets: list[Path], out: Path, target: Target, workers: int | None
+) -> None:
+    require_packages("research", "skops")
+
+    from fdd.campaign.classifiers import made, train_classifier
+    from fdd.campaign.loading import with_features
+    from fdd.cli.console import counted, remark
+    from fdd.learning.stored import load_classifier, save_classifier
+
+    made(name)  # refused before minutes are spent on features
+    sets = []
+    for folder in datasets:
+        with counted(f"features of {folder.name}") as step:
+            sets.append(with_features(folder, workers=workers, progress=step))
+    stored, own = train_classifier(name, sets, target)
+    save_classifier(stored, out)
+    told = stored.figures
+    print(
+        f"On {told['rows']} rows of {told['units']} units that it has not seen: "
+        f"accuracy {told['accuracy']:.2f}, macro-F1 {told['macro_f1']:.2f}, "
+        f"Brier score {told['brier']:.2f} (0 is best, 2 worst)."
+    )
+    print(f"fdd's own answers on them: accuracy {own['accuracy']:.2f}, macro-F1 {own['macro_f1']:.2f}.")
+    print(f"Classifier written to {out}")
+    try:
+        load_classifier(out)
+    except InputError as error:
+        remark(f"fdd diagnose will refuse it: {error}")
+
+
+def confusion_table(logs: list[ScoredLog]) -> Table:
+    """Logs by true family (rows) and answer (columns), and the share that is right with its 95 % interval."""
+    from fdd.campaign.scores import wilson
+    from fdd.cli.console import grid
+
+    families = sorted({x.family for x in logs})
+    answers = [*sorted({x.answer for x in logs if x.answer}), ""]
+    rows = []
+    for family in families:
+        mine = [x.answer for x in logs if x.family == family]
+        right = wilson(mine.count("" if family == "healthy" else family), len(mine))
+        counts = (mine.count(answer) for answer in answers)
+        rows.append([family.replace("_", " "), *(str(n) if n else "·" for n in counts), right])
+    heads = [*(name.replace("_", " ") or "no alarm" for name in answers), "right, 95 %"]
+    return grid(("true", *heads), rows, numbers=heads, title="Logs by true family and answer")
