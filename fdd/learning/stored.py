@@ -6,6 +6,7 @@ Types in it must be scikit-learn's, fdd's own or of a package that an installed 
 
 from __future__ import annotations
 
+import json
 import zipfile
 from dataclasses import dataclass
 from importlib import import_module
@@ -21,6 +22,7 @@ from fdd.files import whole_file
 from fdd.packages import CLASSIFIERS, additions
 
 SCHEMA = "fdd.classifier/1"
+LOADERS = {"ObjectNode", "TypeNode", "TreeNode"}
 FUNCTIONS = ("sklearn.feature_selection.", "sklearn.metrics.")
 MEND = "give a file that fdd train --classifier wrote"
 
@@ -80,9 +82,10 @@ def load_classifier(path: str | Path) -> StoredClassifier:
             size = sum(part.file_size for part in file.infolist())
             if size > MAX_CLASSIFIER_BYTES:
                 raise InputError(f"larger than {MAX_CLASSIFIER_BYTES} bytes", where=path, mend=MEND)
+            state = json.loads(file.read("schema.json"))
         asked = sorted(skops.get_untrusted_types(file=path))
         for name in asked:
-            if not _trusted(name):
+            if not _trusted(name, _loaders(state, name)):
                 mend = f"install the package whose entry point {CLASSIFIERS} made it, or {MEND}"
                 raise InputError(f"holds {name}, which is not trusted", where=path, mend=mend)
         plain = skops.load(path, trusted=asked)
@@ -111,10 +114,24 @@ def packages() -> set[str]:
     return {a.point.module.partition(".")[0] for a in additions(CLASSIFIERS)} - {"fdd"}
 
 
-def _trusted(name: str) -> bool:
-    """Whether a type may be loaded: by its own module, not the one that a file says it is found in."""
+def _loaders(state: Any, name: str) -> set[str]:
+    """How a file wants a type to be used."""
+    found, left = set(), [state]
+    while left:
+        node = left.pop()
+        if isinstance(node, dict):
+            if f"{node.get('__module__')}.{node.get('__class__')}" == name:
+                found.add(str(node.get("__loader__")))
+            node = list(node.values())
+        left += node if isinstance(node, list) else []
+    return found
+
+
+def _trusted(name: str, loaders: set[str]) -> bool:
+    """Whether a type may be loaded: by its own module, not the one that a file says it is found in; a class
+    must not be called, as skops's nodes of lists and functions do."""
     if name == "numpy.dtype":
-        return True
+        return loaders == {"DTypeNode"}  # which is made of an empty array
     module, _, last = name.rpartition(".")
     own = ("sklearn.", "fdd.learning.", *(f"{package}." for package in packages()))
     if not f"{module}.".startswith(own):
@@ -122,9 +139,10 @@ def _trusted(name: str) -> bool:
     found = getattr(import_module(module), last, None)
     home = f"{getattr(found, '__module__', '')}."
     if isinstance(found, type):
-        return home.startswith(own)
+        return loaders <= LOADERS and home.startswith(own)
     # Scikit-learn's other functions fetch data sets and remove folders.
-    return isinstance(found, FunctionType) and home.startswith((*FUNCTIONS, *own[1:]))
+    acts = isinstance(found, FunctionType) and loaders == {"FunctionNode"}
+    return acts and home.startswith((*FUNCTIONS, *own[1:]))
 
 
 def _check_trees(root: Any) -> None:
@@ -134,19 +152,25 @@ def _check_trees(root: Any) -> None:
     ------
     ValueError : such a tree.
     """
-    seen: set[int] = set()
+    seen: set[tuple[int, int]] = set()
     left: list[tuple[Any, int]] = [(root, 0)]
     while left:
         part, features = left.pop()
-        if id(part) in seen or isinstance(part, type):
+        kind = type(part).__name__
+        features = features if kind == "TreePredictor" else int(getattr(part, "n_features_in_", features))
+        if (id(part), features) in seen or isinstance(part, type):
             continue
-        seen.add(id(part))
-        features = int(getattr(part, "n_features_in_", features))
-        if type(part).__name__ == "Tree" and hasattr(part, "children_left"):
+        seen.add((id(part), features))
+        # Those of gradient boosting are followed without a look at what each says of its features.
+        boosted = kind.startswith("GradientBoosting") and hasattr(part, "estimators_")
+        stages = part.estimators_.flat if boosted else ()
+        if any(tree.n_features_in_ != features for tree in stages):
+            raise ValueError("a tree has other features than its ensemble")
+        if kind == "Tree" and hasattr(part, "children_left"):
             split = part.children_left != -1
             children = np.stack([part.children_left, part.children_right])[:, split]
             _check_nodes(children, part.feature[split], split, features)
-        elif type(part).__name__ == "TreePredictor":
+        elif kind == "TreePredictor":
             split = part.nodes["is_leaf"] == 0
             inner = part.nodes[split]
             children = np.stack([inner["left"], inner["right"]]).astype(np.int64)

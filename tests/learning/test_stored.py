@@ -10,7 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 import skops.io
-from sklearn.ensemble import HistGradientBoostingClassifier, RandomForestClassifier
+from sklearn.ensemble import (
+    GradientBoostingClassifier,
+    HistGradientBoostingClassifier,
+    RandomForestClassifier,
+)
 from sklearn.feature_selection import SelectKBest, f_classif
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
@@ -93,6 +97,7 @@ def swapped(path: Path, old: str, new: tuple[str, str, str]) -> None:
         ("fdd.files", "write_text", "FunctionNode"),
         ("sklearn.datasets._base", "clear_data_home", "FunctionNode"),  # removes a folder
         ("sklearn.datasets._base", "clear_data_home", "ListNode"),  # which calls it
+        ("fdd.learning.classifier", "FaultClassifier", "ListNode"),  # a class may be loaded, but not called
         ("sklearn.datasets._base", "Path", "ObjectNode"),  # found there, but not scikit-learn's
         ("fdd.learning.opinion", "Pipeline", "ObjectNode"),
     ],
@@ -122,6 +127,11 @@ def test_trees_that_lead_out_of_themselves_are_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=r"not a classifier \(ValueError\)"):
             load_classifier(kept(forest, tmp_path / "f.skops"))
         array[0] = before
+    stages = GradientBoostingClassifier(n_estimators=2).fit(X, Y)
+    load_classifier(kept(stages, tmp_path / "g.skops"))
+    stages.estimators_[1, 0].n_features_in_, stages.estimators_[1, 0].tree_.feature[0] = 10**7, 10**6
+    with pytest.raises(InputError, match=r"not a classifier \(ValueError\)"):
+        load_classifier(kept(stages, tmp_path / "g.skops"))
 
 
 @pytest.mark.parametrize("cut", [0, 100, 0.5, 0.98])
