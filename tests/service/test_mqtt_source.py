@@ -45,7 +45,7 @@ def source_of(broker: Broker, version: str = "5", **more: object) -> Source:
 
 
 @pytest.fixture
-def publish(broker: Broker) -> Iterator[Callable[..., None]]:
+def publish(broker: Broker) -> Iterator[Callable[..., paho.MQTTMessageInfo]]:
     client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id="sender", clean_session=False)
     client.reconnect_delay_set(0.1, 0.2)  # type: ignore[arg-type]
     client.max_inflight_messages_set(10)
@@ -69,7 +69,11 @@ def ordered(blocks: list[Block]) -> tuple[Samples, Order]:
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_topics_with_wildcards_name_the_axis_or_the_message_does(
-    version: str, broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None]
+    version: str,
+    broker: Broker,
+    taker: Taker,
+    stop: threading.Event,
+    publish: Callable[..., paho.MQTTMessageInfo],
 ) -> None:
     source = connected(source_of(broker, version, topics=["rigs/{axis}/x/#", "all/+"]), taker, stop)
     without = encode_json(a_block(0)).replace(b'"axis":"A1",', b"")
@@ -86,7 +90,7 @@ def test_topics_with_wildcards_name_the_axis_or_the_message_does(
 
 
 def test_an_axis_of_another_shard_is_acknowledged_unread(
-    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None]
+    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., paho.MQTTMessageInfo]
 ) -> None:
     config = {"type": "mqtt", "host": "127.0.0.1", "port": broker.port, "topics": ["rigs/{axis}"]}
     source = connected(open_source(MqttSource.model_validate(config), "A1".__eq__), taker, stop)
@@ -99,9 +103,14 @@ def test_an_axis_of_another_shard_is_acknowledged_unread(
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_garbage_and_retained_messages_are_counted_and_leave_the_session(
-    version: str, broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None]
+    version: str,
+    broker: Broker,
+    taker: Taker,
+    stop: threading.Event,
+    publish: Callable[..., paho.MQTTMessageInfo],
 ) -> None:
-    publish("rigs/A1", encode_json(a_block(99)), retain=True)
+    # It has to be there before the source subscribes, or it would come as any other.
+    publish("rigs/A1", encode_json(a_block(99)), retain=True).wait_for_publish(60.0)
     source = connected(source_of(broker, version), taker, stop)
     for k in range(450):  # more than may be on their way unacknowledged
         publish("rigs/A1", (b"", b"garbage", b"\xff\xff\xff\xff\x10", b'{"schema": 3}')[k % 4])
@@ -152,7 +161,7 @@ def test_acknowledgements_go_in_the_order_in_which_messages_came(
 
 
 def test_a_message_that_fdd_fails_on_does_not_hold_up_those_after_it(
-    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None],
+    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., paho.MQTTMessageInfo],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     def failing(self: Decoder, payload: bytes, *given: object, **more: object) -> Block:
@@ -173,7 +182,7 @@ def test_a_message_that_fdd_fails_on_does_not_hold_up_those_after_it(
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_nothing_is_acknowledged_before_it_is_accepted(
-    version: str, broker: Broker, taker: Taker, publish: Callable[..., None]
+    version: str, broker: Broker, taker: Taker, publish: Callable[..., paho.MQTTMessageInfo]
 ) -> None:
     taker.accepting, stop = False, threading.Event()
     source = connected(source_of(broker, version), taker, stop)
@@ -202,7 +211,11 @@ def test_nothing_is_acknowledged_before_it_is_accepted(
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_a_broker_that_is_killed_loses_nothing_and_tells_nothing_twice(
-    version: str, broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., None]
+    version: str,
+    broker: Broker,
+    taker: Taker,
+    stop: threading.Event,
+    publish: Callable[..., paho.MQTTMessageInfo],
 ) -> None:
     source = connected(source_of(broker, version), taker, stop)
     for k in range(40):
