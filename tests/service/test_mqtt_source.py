@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import paho.mqtt.client as paho
@@ -45,7 +46,7 @@ def source_of(broker: Broker, version: str = "5", **more: object) -> Source:
 
 
 @pytest.fixture
-def publish(broker: Broker) -> Iterator[Callable[..., paho.MQTTMessageInfo]]:
+def publish(broker: Broker) -> Iterator[Callable[..., Any]]:
     client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id="sender", clean_session=False)
     client.reconnect_delay_set(0.1, 0.2)  # type: ignore[arg-type]
     client.max_inflight_messages_set(10)
@@ -73,7 +74,7 @@ def test_topics_with_wildcards_name_the_axis_or_the_message_does(
     broker: Broker,
     taker: Taker,
     stop: threading.Event,
-    publish: Callable[..., paho.MQTTMessageInfo],
+    publish: Callable[..., Any],
 ) -> None:
     source = connected(source_of(broker, version, topics=["rigs/{axis}/x/#", "all/+"]), taker, stop)
     without = encode_json(a_block(0)).replace(b'"axis":"A1",', b"")
@@ -90,7 +91,7 @@ def test_topics_with_wildcards_name_the_axis_or_the_message_does(
 
 
 def test_an_axis_of_another_shard_is_acknowledged_unread(
-    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., paho.MQTTMessageInfo]
+    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., Any]
 ) -> None:
     config = {"type": "mqtt", "host": "127.0.0.1", "port": broker.port, "topics": ["rigs/{axis}"]}
     source = connected(open_source(MqttSource.model_validate(config), "A1".__eq__), taker, stop)
@@ -107,7 +108,7 @@ def test_garbage_and_retained_messages_are_counted_and_leave_the_session(
     broker: Broker,
     taker: Taker,
     stop: threading.Event,
-    publish: Callable[..., paho.MQTTMessageInfo],
+    publish: Callable[..., Any],
 ) -> None:
     # It has to be there before the source subscribes, or it would come as any other.
     publish("rigs/A1", encode_json(a_block(99)), retain=True).wait_for_publish(60.0)
@@ -161,7 +162,7 @@ def test_acknowledgements_go_in_the_order_in_which_messages_came(
 
 
 def test_a_message_that_fdd_fails_on_does_not_hold_up_those_after_it(
-    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., paho.MQTTMessageInfo],
+    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., Any],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     def failing(self: Decoder, payload: bytes, *given: object, **more: object) -> Block:
@@ -182,7 +183,7 @@ def test_a_message_that_fdd_fails_on_does_not_hold_up_those_after_it(
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_nothing_is_acknowledged_before_it_is_accepted(
-    version: str, broker: Broker, taker: Taker, publish: Callable[..., paho.MQTTMessageInfo]
+    version: str, broker: Broker, taker: Taker, publish: Callable[..., Any]
 ) -> None:
     taker.accepting, stop = False, threading.Event()
     source = connected(source_of(broker, version), taker, stop)
@@ -215,7 +216,7 @@ def test_a_broker_that_is_killed_loses_nothing_and_tells_nothing_twice(
     broker: Broker,
     taker: Taker,
     stop: threading.Event,
-    publish: Callable[..., paho.MQTTMessageInfo],
+    publish: Callable[..., Any],
 ) -> None:
     source = connected(source_of(broker, version), taker, stop)
     for k in range(40):
