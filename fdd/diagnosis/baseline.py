@@ -89,7 +89,7 @@ def baseline_of(
     histories : of logs, by `histories_of`.
     known : baseline of other logs of the unit on the same profile, which these are added to: normal
         equations add up, and so do the frames' noises; where a law's own errors are the noise, its variance
-        is the geometric mean by time.
+        is the geometric mean by time. What the unit's logs differ by stays as those told it.
     spreads : what healthy units and logs differ by; None takes the shipped ones.
 
     Raises
