@@ -16,6 +16,7 @@ from fdd.identification.experiments.leakage import leakage
 from fdd.identification.experiments.outcome import Outcome, Told
 from fdd.identification.experiments.polynomial import Series, best_model, find_delay, fit_model
 from fdd.identification.experiments.response import frequency_response
+from fdd.identification.experiments.spectra import welch
 from fdd.identification.record import Record, even_record
 from fdd.plant.details import Details
 from fdd.plant.scenario import Scenario
@@ -53,6 +54,11 @@ def test_intervals_hold_gain_frequency_and_damping(structure):
     assert inside >= 51
 
 
+def test_box_jenkins_is_sharper_than_output_error_in_coloured_noise():
+    sharp, blunt = (fit_model([second_order(2e-3, 1)], T, s, 2, 0).facts_std()[1] for s in ("BJ", "OE"))
+    assert sharp < 0.8 * blunt
+
+
 def test_arx_and_armax_find_a_system_of_their_own_structure():
     rng = np.random.default_rng(3)
     u, e = rng.standard_normal((2, 8000))
@@ -71,6 +77,21 @@ def test_delay_and_order_are_found():
     delay = find_delay(series, 8)
     assert delay in (3, 4)  # the held input's first coefficient is small
     assert best_model(series, T, "BJ", (1, 2, 3, 4), delay).order == 2
+
+
+def test_the_measured_response_has_the_true_one_in_its_band():
+    inside, count = 0, 0
+    for seed in range(5):
+        s = second_order(2e-3, seed, rows=20_000)
+        found = welch([s], T, 1.0)
+        omega, z = 2.0 * np.pi * HZ, np.exp(2j * np.pi * found.frequency * T)
+        top, bottom, _ = cont2discrete(
+            ([omega**2 * GAIN], [1.0, 2 * ZETA * omega, omega**2]), T, method="zoh"
+        )
+        true = np.polyval(np.ravel(top), z) / np.polyval(bottom, z)
+        inside += int(np.count_nonzero(np.abs(found.response - true) < found.radius))
+        count += found.frequency.size
+    assert 0.85 < inside / count < 0.99
 
 
 def told(outcome: Outcome) -> dict[str, Told]:
