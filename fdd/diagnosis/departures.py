@@ -30,10 +30,12 @@ VAGUE = 1e3
 
 
 class Departures(NamedTuple):
-    """Amplitudes (f,) of largest likelihood, the known faults' refitted, and their information (f,)."""
+    """Amplitudes (f,) of largest likelihood, the known faults' refitted, their information (f,), and the
+    share (f,) of their variance that is from what healthy logs differ by."""
 
     size: Array
     information: Array
+    healthy: Array
 
 
 def departures(
@@ -49,21 +51,27 @@ def departures(
     precision = 1.0 / np.square(parts.scales)
     joint = precision[:, :, None] * np.eye(precision.shape[1])
     score = np.zeros(precision.shape)
+    lost = np.zeros_like(joint)
     for name, columns in parts.columns.items():
         mine = np.flatnonzero(columns.any(axis=(1, 2)))
         profiles, factor = parts.time_profiles[mine], overdispersion[mine]
-        own, information = _part(balances[name], columns[mine], profiles, factor, from_start=from_start)
+        own, information, less = _part(balances[name], columns[mine], profiles, factor, from_start=from_start)
         score[mine] += own
         joint[mine] += information
+        lost[mine] += less
     size = np.linalg.solve(joint, score[..., None])[:, 0, 0]
-    return Departures(np.asarray(size), np.asarray(1.0 / np.linalg.inv(joint)[:, 0, 0]))
+    along = np.linalg.inv(joint)[:, :, 0]
+    information = 1.0 / along[:, 0]
+    along = along * information[:, None]
+    share = np.einsum("fp,fpq,fq->f", along, lost, along) / information
+    return Departures(np.asarray(size), np.asarray(information), np.asarray(share))
 
 
 def _part(
     e: BalancePosterior, g: Array, time_profiles: Array, overdispersion: Array, *, from_start: bool
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """One balance's scores (f, p) and information (f, p, p) of the amplitudes, healthy changes of the
-    coefficients marginalised.
+    coefficients marginalised; and how much information a relative increase of the prior's variance costs.
 
     Parameters
     ----------
@@ -92,14 +100,20 @@ def _part(
         vector = (e.rest.sum(axis=0) + (e.solution - own) @ e.total) / overdispersion[:, None]
     else:
         vector = rest[:, 0]
-    inverse = np.linalg.inv(inverse_variance + total)
-    shift = np.einsum("fij,fj->fi", inverse, vector)
-    by_one = np.einsum("fij,fpj->fpi", inverse, contribution)
+    marginal = np.linalg.inv(inverse_variance + total)
+    shift = np.einsum("fij,fj->fi", marginal, vector)
+    by_one = np.einsum("fij,fpj->fpi", marginal, contribution)
+    if from_start:
+        own_shift = by_one
+    else:
+        before = np.einsum("fpij,fpj->fpi", sums, g) - np.einsum("fij,fpj->fpi", sums[:, 0], by_one)
+        own_shift = np.einsum("fij,fpj->fpi", inverse, before)
     score = np.einsum("fpn,fpn->fp", g, rest)
     information = np.einsum("fpi,fpqij,fqj->fpq", g, both, g)
     return (
         score - np.einsum("fpi,fi->fp", contribution, shift),
         information - np.einsum("fpi,fqi->fpq", contribution, by_one),
+        np.einsum("fpi,ij,fqj->fpq", own_shift, prior, own_shift),
     )
 
 

@@ -37,6 +37,12 @@ LEAST_SCATTER = 0.2
 FEW_STRETCHES = 2.0
 """With b effective stretches behind an amplitude the share b / (b + 2) of its log likelihood ratio counts:
 one stretch alone may be a singular event, as a machine's start is."""
+HEALTHY_FREEDOM = 4.0
+"""Degrees of freedom of Student's t of what a unit's healthy logs differ by: of logs that its spread was not
+learnt from, 140 simulated units, the likeliest are 3 to 7, by balance."""
+LEAST_WALD = 2.0
+"""Standard errors, by the scatter of the fault's own stretches as well (sandwich: White 1982, doi
+10.2307/1912526), that an amplitude has to reach: what fewer stretches carry is an event."""
 GREATEST = 2.0
 """Upper bound of a severity: 1.0 is gross, and the scale may be off by a factor of two on another machine."""
 
@@ -270,16 +276,18 @@ def fit(
     plain = departures(balances, parts, np.ones(size.size), from_start=from_start)
     gain = _gain(plain, np.where(parts.signed, np.clip(plain.size, 0.0, GREATEST), plain.size))
     gain = np.maximum(gain, schur * size * (free - 0.5 * size))
-    ratio = _gain(quasi_likely(balances, parts, overdispersion, from_start=from_start), size)
+    likely = quasi_likely(balances, parts, overdispersion, from_start=from_start)
+    ratio = heavy_tailed(_gain(likely, size), likely.healthy)
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
     score = log_odds(ratio, behind, scales[:, 0] ** 2 * precision)
-    likely = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
-    score += np.where(parts.signed, likely, 0.0)
+    one_sided = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
+    score += np.where(parts.signed, one_sided, 0.0)
     most = np.maximum(GREATEST, np.abs(size))
     while_acting = _while_acting(frame_scores, frame_information, overdispersion)
     active_amplitude = np.clip(size * while_acting, -most, most)
     variance = 1.0 / precision + np.maximum(reduced_chi_square - overdispersion, 0.0) / schur
+    score = np.where(np.square(size) < np.square(LEAST_WALD) * variance, np.minimum(score, 0.0), score)
     columns = np.column_stack(
         [size, variance, active_amplitude, gain, overdispersion, reduced_chi_square, behind, score]
     )
@@ -333,7 +341,18 @@ def quasi_likely(
     if not from_start:
         return departures(balances, parts, 1.0 + overdispersion, from_start=False)
     found = departures(balances, parts, np.ones_like(overdispersion), from_start=True)
-    return Departures(found.size, found.information / (1.0 + overdispersion))
+    return found._replace(information=found.information / (1.0 + overdispersion))
+
+
+def heavy_tailed(ratio: Array, healthy: Array) -> Array:
+    """Log likelihood ratio (f,) by Student's t of what is `ratio` by a normal of the same scale.
+
+    What healthy logs differ by is Student's t (Lange, Little and Taylor 1989, doi
+    10.1080/01621459.1989.10478852), noise is normal: the degrees of freedom of their sum follow from the
+    share `healthy` (f,) of its variance (Welch 1947, doi 10.1093/biomet/34.1-2.28).
+    """
+    freedom = HEALTHY_FREEDOM / np.square(healthy).clip(1e-6)
+    return np.asarray(0.5 * (freedom + 1.0) * np.log1p(2.0 * np.maximum(ratio, 0.0) / freedom))
 
 
 def log_odds(ratio: Array, blocks: Array, amplitude_variance_ratio: Array) -> Array:

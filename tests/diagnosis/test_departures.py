@@ -71,6 +71,25 @@ def test_healthy_minutes_change_a_coefficient() -> None:
 
 
 @pytest.mark.parametrize("onset", [0, 40])
+@pytest.mark.parametrize("told_before", [1e-4, 1.0])
+def test_the_healthy_share_is_how_the_variance_goes_with_the_priors(onset: int, told_before: float) -> None:
+    """Test: the prior's variance one per cent up and down. Expected: what the amplitude's changes by."""
+    e = drawn(9, [(LEAK, 0.5, onset)]).balances["volume"]
+    share = np.where(np.arange(FRAMES) < 40, told_before, 1.0)[:, None]
+    frames = e.information * share[..., None], (e.rest + e.information @ e.solution) * share
+    less, same, more = (
+        weighed(
+            Evidence({"volume": frames}, {"volume": replace(EFFECTS, covariance=s * EFFECTS.covariance)}),
+            [(LEAK, onset)],
+        )
+        for s in (0.99, 1.0, 1.01)
+    )
+    slope = (np.log(less.information[0]) - np.log(more.information[0])) / 0.02
+    assert same.healthy[0] == pytest.approx(slope, rel=1e-3, abs=1e-6)
+    assert same.healthy[0] > 0.5 or (onset == 40 and told_before == 1.0)
+
+
+@pytest.mark.parametrize("onset", [0, 40])
 def test_a_noise_that_scatters_more_is_that_of_fewer_rows(onset: int) -> None:
     """Test: overdispersion of four. Expected: a quarter of the information, the same prior."""
     e = drawn(8, [(LEAK, 0.5, onset)]).balances["volume"]
