@@ -24,9 +24,10 @@ from fdd.diagnosis.fitting import (
     Fit,
     Parts,
     Stretches,
+    as_normal,
+    counted,
     fit,
     known_scatter,
-    log_odds,
     quasi_likely,
 )
 from fdd.diagnosis.hypotheses import Hypothesis
@@ -310,10 +311,9 @@ class Evidence:
         found = departures(self.balances, parts, overdispersion, from_start=onset == 0)
         likely = quasi_likely(self.balances, parts, overdispersion, from_start=onset == 0)
         blocks = np.full(len(testable), (self.frames - onset) / self.stretches.frames)
-        # The score is half the squared amplitude times this, less the Occam factor.
-        worth = log_odds(likely.information, blocks, np.zeros_like(overdispersion))
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(prior_weight)
-        least = np.sqrt(2.0 * wanted.clip(0.0) / worth.clip(1e-300))
+        ratio = as_normal(wanted.clip(0.0) / counted(blocks), likely.healthy)
+        least = np.sqrt(2.0 * ratio / likely.information.clip(1e-300))
         out[mine] = least + NINE_IN_TEN / np.sqrt(found.information)
         return out
 

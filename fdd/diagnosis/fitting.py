@@ -355,6 +355,17 @@ def heavy_tailed(ratio: Array, healthy: Array) -> Array:
     return np.asarray(0.5 * (freedom + 1.0) * np.log1p(2.0 * np.maximum(ratio, 0.0) / freedom))
 
 
+def as_normal(ratio: Array, healthy: Array) -> Array:
+    """Inverse of `heavy_tailed`."""
+    freedom = HEALTHY_FREEDOM / np.square(healthy).clip(1e-6)
+    return np.asarray(0.5 * freedom * np.expm1(np.minimum(2.0 * ratio / (freedom + 1.0), 700.0)))
+
+
+def counted(blocks: Array) -> Array:
+    """Share (f,) of a log likelihood ratio that counts, by the effective number of stretches behind it."""
+    return blocks / (blocks + FEW_STRETCHES)
+
+
 def log_odds(ratio: Array, blocks: Array, amplitude_variance_ratio: Array) -> Array:
     """Log odds (f,) of faults against none, without their prior weight.
 
@@ -364,7 +375,7 @@ def log_odds(ratio: Array, blocks: Array, amplitude_variance_ratio: Array) -> Ar
         amplitude_variance_ratio : prior variance of the amplitude over that in the log: the Occam factor of
         Laplace's approximation.
     """
-    return ratio * blocks / (blocks + FEW_STRETCHES) - 0.5 * np.log1p(amplitude_variance_ratio)
+    return ratio * counted(blocks) - 0.5 * np.log1p(amplitude_variance_ratio)
 
 
 def _while_acting(u: Array, w: Array, overdispersion: Array) -> Array:

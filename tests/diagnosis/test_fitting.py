@@ -10,7 +10,7 @@ from scipy.stats import t
 
 from fdd.diagnosis.departures import departures
 from fdd.diagnosis.evidence import time_profile_of
-from fdd.diagnosis.fitting import Parts, heavy_tailed, log_normal, log_odds, quasi_likely
+from fdd.diagnosis.fitting import Parts, as_normal, heavy_tailed, log_normal, log_odds, quasi_likely
 
 
 @pytest.mark.parametrize("z", [-1e4, -200.0, -30.01, -30.0, -29.99, -8.0, -1.0, -0.0, 0.0, 0.5, 3.0, 7.0])
@@ -74,3 +74,4 @@ def test_heavy_tailed_is_students_t_where_healthy_logs_differ_and_normal_where_n
     np.testing.assert_allclose(heavy_tailed(0.5 * z**2, np.zeros(3)), 0.5 * z**2, rtol=1e-3)
     half = t.logpdf(0.0, 16.0) - t.logpdf(z, 16.0)
     np.testing.assert_allclose(heavy_tailed(0.5 * z**2, np.full(3, 0.5)), half)
+    np.testing.assert_allclose(as_normal(half, np.full(3, 0.5)), 0.5 * z**2)
