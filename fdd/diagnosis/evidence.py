@@ -25,8 +25,8 @@ from fdd.diagnosis.fitting import (
     Parts,
     Stretches,
     as_normal,
-    counted,
     fit,
+    freedom,
     known_scatter,
     quasi_likely,
 )
@@ -312,7 +312,7 @@ class Evidence:
         likely = quasi_likely(self.balances, parts, overdispersion, from_start=onset == 0)
         blocks = np.full(len(testable), (self.frames - onset) / self.stretches.frames)
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(prior_weight)
-        ratio = as_normal(wanted.clip(0.0) / counted(blocks), likely.healthy)
+        ratio = as_normal(wanted.clip(0.0), freedom(likely.healthy, blocks))
         least = np.sqrt(2.0 * ratio / likely.information.clip(1e-300))
         out[mine] = least + NINE_IN_TEN / np.sqrt(found.information)
         return out

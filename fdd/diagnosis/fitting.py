@@ -34,15 +34,11 @@ UNKNOWN_SCATTER = 3.0
 """Overdispersion of a unit without baseline."""
 LEAST_SCATTER = 0.2
 """Lower bound of the overdispersion; below 1 since assumed wander and noise floors are on the safe side."""
-FEW_STRETCHES = 2.0
-"""With b effective stretches behind an amplitude the share b / (b + 2) of its log likelihood ratio counts:
-one stretch alone may be a singular event, as a machine's start is."""
-HEALTHY_FREEDOM = 4.0
-"""Degrees of freedom of Student's t of what a unit's healthy logs differ by: of logs that its spread was not
-learnt from, 140 simulated units, the likeliest are 3 to 7, by balance."""
-LEAST_WALD = 2.0
-"""Standard errors, by the scatter of the fault's own stretches as well (sandwich: White 1982, doi
-10.2307/1912526), that an amplitude has to reach: what fewer stretches carry is an event."""
+STUDENT = 4.0
+"""Degrees of freedom of Student's t of what a unit's healthy logs differ by, and of the scores of its healthy
+stretches. The likeliest are 3 to 7, by balance, for logs that the spreads were not learnt from (140 simulated
+units), and 4 for stretches (25 of them). Lange, Little and Taylor 1989 (doi
+10.1080/01621459.1989.10478852) take 4 where nothing is known."""
 GREATEST = 2.0
 """Upper bound of a severity: 1.0 is gross, and the scale may be off by a factor of two on another machine."""
 
@@ -164,7 +160,7 @@ class Fit:
         acts, larger than `size` for an intermittent fault. gain : log likelihood ratio by the rows' own
         variance alone. overdispersion : variance of the scores of healthy stretches over their information.
         reduced_chi_square : the same of the stretches under the fault. blocks : effective number of stretches
-        behind it. score : see `log_odds`.
+        behind it. score : log odds against none, without the prior weight.
     """
 
     size: float
@@ -277,17 +273,18 @@ def fit(
     gain = _gain(plain, np.where(parts.signed, np.clip(plain.size, 0.0, GREATEST), plain.size))
     gain = np.maximum(gain, schur * size * (free - 0.5 * size))
     likely = quasi_likely(balances, parts, overdispersion, from_start=from_start)
-    ratio = heavy_tailed(_gain(likely, size), likely.healthy)
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
-    score = log_odds(ratio, behind, scales[:, 0] ** 2 * precision)
+    ratio = heavy_tailed(_gain(likely, size), freedom(likely.healthy, behind))
+    score = ratio - 0.5 * np.log1p(
+        scales[:, 0] ** 2 * precision
+    )  # the Occam factor of Laplace's approximation
     one_sided = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
     score += np.where(parts.signed, one_sided, 0.0)
     most = np.maximum(GREATEST, np.abs(size))
     while_acting = _while_acting(frame_scores, frame_information, overdispersion)
     active_amplitude = np.clip(size * while_acting, -most, most)
     variance = 1.0 / precision + np.maximum(reduced_chi_square - overdispersion, 0.0) / schur
-    score = np.where(np.square(size) < np.square(LEAST_WALD) * variance, np.minimum(score, 0.0), score)
     columns = np.column_stack(
         [size, variance, active_amplitude, gain, overdispersion, reduced_chi_square, behind, score]
     )
@@ -344,38 +341,27 @@ def quasi_likely(
     return found._replace(information=found.information / (1.0 + overdispersion))
 
 
-def heavy_tailed(ratio: Array, healthy: Array) -> Array:
-    """Log likelihood ratio (f,) by Student's t of what is `ratio` by a normal of the same scale.
-
-    What healthy logs differ by is Student's t (Lange, Little and Taylor 1989, doi
-    10.1080/01621459.1989.10478852), noise is normal: the degrees of freedom of their sum follow from the
-    share `healthy` (f,) of its variance (Welch 1947, doi 10.1093/biomet/34.1-2.28).
-    """
-    freedom = HEALTHY_FREEDOM / np.square(healthy).clip(1e-6)
-    return np.asarray(0.5 * (freedom + 1.0) * np.log1p(2.0 * np.maximum(ratio, 0.0) / freedom))
-
-
-def as_normal(ratio: Array, healthy: Array) -> Array:
-    """Inverse of `heavy_tailed`."""
-    freedom = HEALTHY_FREEDOM / np.square(healthy).clip(1e-6)
-    return np.asarray(0.5 * freedom * np.expm1(np.minimum(2.0 * ratio / (freedom + 1.0), 700.0)))
-
-
-def counted(blocks: Array) -> Array:
-    """Share (f,) of a log likelihood ratio that counts, by the effective number of stretches behind it."""
-    return blocks / (blocks + FEW_STRETCHES)
-
-
-def log_odds(ratio: Array, blocks: Array, amplitude_variance_ratio: Array) -> Array:
-    """Log odds (f,) of faults against none, without their prior weight.
+def freedom(healthy: Array, blocks: Array) -> Array:
+    """Degrees of freedom (f,) of amplitudes, by Welch's formula (1947, doi 10.1093/biomet/34.1-2.28).
 
     Parameters
     ----------
-    ratio : log of the quasi-likelihood ratio. blocks : effective number of stretches behind the fault.
-        amplitude_variance_ratio : prior variance of the amplitude over that in the log: the Occam factor of
-        Laplace's approximation.
+    healthy : share of the variance that is what healthy logs differ by; the rest is noise. blocks : effective
+        number of stretches behind the amplitude: many make it normal, one alone may be a singular event, as a
+        machine's start is.
     """
-    return ratio * counted(blocks) - 0.5 * np.log1p(amplitude_variance_ratio)
+    noise = np.square(1.0 - healthy) / np.maximum(blocks, 1.0)
+    return np.asarray(STUDENT / np.maximum(np.square(healthy) + noise, 1e-6))
+
+
+def heavy_tailed(ratio: Array, freedom: Array) -> Array:
+    """Log likelihood ratio (f,) by Student's t of what is `ratio` by a normal of the same scale."""
+    return np.asarray(0.5 * (freedom + 1.0) * np.log1p(2.0 * np.maximum(ratio, 0.0) / freedom))
+
+
+def as_normal(ratio: Array, freedom: Array) -> Array:
+    """Inverse of `heavy_tailed`."""
+    return np.asarray(0.5 * freedom * np.expm1(np.minimum(2.0 * ratio / (freedom + 1.0), 700.0)))
 
 
 def _while_acting(u: Array, w: Array, overdispersion: Array) -> Array:

@@ -10,7 +10,7 @@ from scipy.stats import t
 
 from fdd.diagnosis.departures import departures
 from fdd.diagnosis.evidence import time_profile_of
-from fdd.diagnosis.fitting import Parts, as_normal, heavy_tailed, log_normal, log_odds, quasi_likely
+from fdd.diagnosis.fitting import Parts, as_normal, freedom, heavy_tailed, log_normal, quasi_likely
 
 
 @pytest.mark.parametrize("z", [-1e4, -200.0, -30.01, -30.0, -29.99, -8.0, -1.0, -0.0, 0.0, 0.5, 3.0, 7.0])
@@ -38,16 +38,6 @@ def test_the_fading_filter_is_scipys() -> None:
     np.testing.assert_array_equal(found, wanted)
 
 
-def test_log_odds_are_a_likelihood_ratio_less_its_prior() -> None:
-    """Test: an amplitude seen in b stretches. Expected: its likelihood ratio, of which few stretches keep a
-    share, less half the logarithm of how far the log narrows its prior."""
-    one = np.ones(3)
-    found = log_odds(100.0 * one, np.array([1e12, 2.0, 10.0]), 0.0 * one)
-    assert found == pytest.approx([100.0, 50.0, 250.0 / 3.0])
-    narrowed = log_odds(100.0 * one, 1e12 * one, np.array([0.0, 3.0, 99.0]))
-    assert 100.0 - narrowed == pytest.approx([0.0, np.log(2.0), np.log(10.0)], abs=1e-9)
-
-
 @pytest.mark.parametrize("onset", [0, 40])
 def test_a_quasi_likelihood_counts_what_stretches_scatter_beyond_their_noise(onset: int) -> None:
     """Test: an overdispersion of three. Expected: from the start a quarter of the information; within a log
@@ -66,12 +56,15 @@ def test_a_quasi_likelihood_counts_what_stretches_scatter_beyond_their_noise(ons
     np.testing.assert_allclose((found.size, found.information), wanted)
 
 
-def test_heavy_tailed_is_students_t_where_healthy_logs_differ_and_normal_where_noise_does() -> None:
-    """Beside SciPy's densities, and Welch's degrees of freedom of the sum of a t of 4 and a normal."""
+def test_heavy_tailed_is_students_t_of_welchs_degrees_of_freedom() -> None:
+    """Beside SciPy's densities: few stretches and healthy logs have four degrees of freedom, noise of many
+    stretches is normal."""
     z = np.array([0.5, 3.0, 12.0])
-    by_t = t.logpdf(0.0, 4.0) - t.logpdf(z, 4.0)
-    np.testing.assert_allclose(heavy_tailed(0.5 * z**2, np.ones(3)), by_t)
-    np.testing.assert_allclose(heavy_tailed(0.5 * z**2, np.zeros(3)), 0.5 * z**2, rtol=1e-3)
-    half = t.logpdf(0.0, 16.0) - t.logpdf(z, 16.0)
-    np.testing.assert_allclose(heavy_tailed(0.5 * z**2, np.full(3, 0.5)), half)
-    np.testing.assert_allclose(as_normal(half, np.full(3, 0.5)), 0.5 * z**2)
+    ratio, one = 0.5 * z**2, np.ones(3)
+    for healthy, blocks, nu in ((1.0, 9.0, 4.0), (0.0, 1.0, 4.0), (0.0, 5.0, 20.0), (0.5, 1e9, 16.0)):
+        found = freedom(healthy * one, blocks * one)
+        np.testing.assert_allclose(found, nu)
+        by_t = t.logpdf(0.0, nu) - t.logpdf(z, nu)
+        np.testing.assert_allclose(heavy_tailed(ratio, found), by_t)
+        np.testing.assert_allclose(as_normal(by_t, found), ratio)
+    np.testing.assert_allclose(heavy_tailed(ratio, freedom(0.0 * one, 1e9 * one)), ratio, rtol=1e-3)
