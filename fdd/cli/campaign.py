@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -209,17 +210,15 @@ def _train_classifier(
 
 
 def confusion_table(logs: list[ScoredLog]) -> Table:
-    """Logs by true family (rows) and answer (columns), and the share that is right with its 95 % interval."""
+    """Answers to the logs of each true family, the most frequent first, and the share that is right with its
+    95 % interval; narrow enough for 80 columns."""
     from fdd.campaign.scores import wilson
     from fdd.cli.console import grid
 
-    families = sorted({x.family for x in logs})
-    answers = [*sorted({x.answer for x in logs if x.answer}), ""]
     rows = []
-    for family in families:
-        mine = [x.answer for x in logs if x.family == family]
-        right = wilson(mine.count("" if family == "healthy" else family), len(mine))
-        counts = (mine.count(answer) for answer in answers)
-        rows.append([family.replace("_", " "), *(str(n) if n else "·" for n in counts), right])
-    heads = [*(name.replace("_", " ") or "no alarm" for name in answers), "right, 95 %"]
-    return grid(("true", *heads), rows, numbers=heads, title="Logs by true family and answer")
+    for family in sorted({x.family for x in logs}):
+        mine = [x.answer or "healthy" for x in logs if x.family == family]
+        answers = (f"{name.replace('_', ' ')} {n}" for name, n in Counter(mine).most_common())
+        rows.append([family.replace("_", " "), ", ".join(answers), wilson(mine.count(family), len(mine))])
+    whole = ("true", "right, 95 %")
+    return grid((whole[0], "answers", whole[1]), rows, whole=whole, title="Logs by true family and answer")

@@ -154,11 +154,15 @@ def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> Non
     assert not (tmp_path / "model").exists()
 
 
-def test_training_results_are_shown_by_true_family() -> None:
-    answers = [("healthy", ""), ("healthy", ""), ("healthy", "leakage"), ("leakage", "leakage")]
+def test_confusion_table_fits_80_columns() -> None:
+    answers = [
+        ("check_valve", name) for name in ("", "aeration", "check_valve", "friction", "leakage", "motor")
+    ]
+    answers += [("healthy", ""), ("healthy", ""), ("healthy", "leakage")]
     logs = [ScoredLog("u1", "", family, answer, 1.0, 1.0, 10.0) for family, answer in answers]
     screen = io.StringIO()
-    Console(width=100, file=screen).print(confusion_table(logs))
-    shown = [line.split() for line in screen.getvalue().splitlines()]
-    assert ["healthy", "1", "2", *wilson(2, 3).split()] in shown
-    assert ["leakage", "1", "·", *wilson(1, 1).split()] in shown
+    Console(width=80, file=screen).print(confusion_table(logs))
+    shown = " ".join(screen.getvalue().split())
+    assert f"healthy healthy 2, leakage 1 {wilson(2, 3)}" in shown
+    assert wilson(1, 8) in shown
+    assert all(f"{name.replace('_', ' ')} 1" in shown for name in families if name)
