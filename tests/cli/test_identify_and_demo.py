@@ -155,14 +155,13 @@ def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> Non
 
 
 def test_confusion_table_fits_80_columns() -> None:
-    answers = [
-        ("check_valve", name) for name in ("", "aeration", "check_valve", "friction", "leakage", "motor")
-    ]
+    families = ("", "aeration", "check_valve", "friction", "leakage", "motor", "seal_wear", "sensor")
+    answers = [("check_valve", name) for name in families]
     answers += [("healthy", ""), ("healthy", ""), ("healthy", "leakage")]
     logs = [ScoredLog("u1", "", family, answer, 1.0, 1.0, 10.0) for family, answer in answers]
     screen = io.StringIO()
     Console(width=80, file=screen).print(confusion_table(logs))
     shown = " ".join(screen.getvalue().split())
     assert f"healthy healthy 2, leakage 1 {wilson(2, 3)}" in shown
-    assert wilson(1, 8) in shown
-    assert all(f"{name.replace('_', ' ')} 1" in shown for name in families if name)
+    assert wilson(1, 8) in shown and "…" not in shown
+    assert shown.count(" 1,") + shown.count(" 1 ") >= len(families)
