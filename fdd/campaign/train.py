@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 TAIL_FROM = 0.7
 """Quantile of healthy logs' peaks from which on they are their tail."""
+FALSE_VERDICTS = 0.02
+"""Share of healthy logs that a verdict may call faulty."""
 LASTING_S = 120.0
 """s of a healthy log from which on it stands for hours of work."""
 LEAST_LOGS = 8
@@ -123,6 +125,7 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
     calibration = Calibration(
         midpoint=round(float(midpoint), 3), slope=round(slope, 4), unseen=round(unseen, 3),
+        least=round(0.5 * float(np.quantile(of_logs, 1.0 - FALSE_VERDICTS)) ** 2, 3),
         severity_doubt=round(float(np.quantile(doubts, 0.8)), 3) if doubts.size >= LEAST_LOGS else 0.15,
     )  # fmt: skip
     taught = tuple(sorted({name for x in logs for name in x.faults}))

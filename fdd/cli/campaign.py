@@ -172,8 +172,8 @@ def train(
         f"Healthy: scores pass {0.5 * tail.height**2:.1f} {passed}, 95 %, and {tail.threshold(1.0):.1f} once."
     )
     print(
-        f"Where one log in {1.0 / model.calibration.prior:.0f} is faulty, one with a score of "
-        f"{model.calibration.even:.1f} is so as likely as not."
+        f"Where one log in {1.0 / model.calibration.prior:.0f} is faulty, a log is called so from a score of "
+        f"{model.calibration.even:.1f} on; one healthy log in fifty reaches {model.calibration.least:.1f}."
     )
     print(f"Model written to {out}")
 

@@ -48,7 +48,8 @@ def diagnose(
         float | None,
         option(
             "Share of such logs that is faulty, before they are looked at; the model's else (0.5 as "
-            "shipped). A fault is answered where it is then likelier than not.",
+            "shipped). A fault is answered where it is then likelier than not, and one healthy log in fifty "
+            "at most would be.",
             min=0.001, max=0.999,
         ),
     ] = None,

@@ -86,7 +86,8 @@ class Calibration(BaseModel):
     ----------
     prior : the same before the log was seen; learnt curves hold for even odds. midpoint, slope : logistic of
         the score's `root`, for faults that show. unseen : share of faults that leave no trace in a log
-        though they should: a quiet one does not rule them out. severity_doubt : relative std of a severity by
+        though they should: a quiet one does not rule them out. least : score that one healthy log in fifty
+        reaches, which a verdict asks at least. severity_doubt : relative std of a severity by
         what no column knows, as how turbulent a leak is or how a seal wears.
     """
 
@@ -94,6 +95,7 @@ class Calibration(BaseModel):
     midpoint: float = Field(ge=-MOST, le=MOST)
     slope: float = Field(gt=0, le=MOST)
     unseen: float = Field(default=0.0, ge=0.0, le=1.0)
+    least: float = Field(default=0.0, ge=0.0, le=MOST)
     severity_doubt: float = Field(default=0.15, ge=0.0, le=10.0)
     prior: float = Field(default=0.5, gt=0.0, lt=1.0, exclude_if=_is_even)
 
@@ -117,14 +119,17 @@ class Calibration(BaseModel):
 
     @property
     def even(self) -> float:
-        """Score from which on a fault is likelier than not.
+        """Score from which on a log is called faulty: at even odds a fault is likelier than not, and at most
+        one healthy log in fifty scores as high.
 
         Examples
         --------
-        >>> Calibration(midpoint=4.0, slope=1.0).even
-        8.0
+        >>> Calibration(midpoint=4.0, slope=1.0).even, Calibration(midpoint=2.0, slope=1.0, least=4.5).even
+        (8.0, 4.5)
         """
-        return 0.5 * max(self.midpoint - math.log(self.prior / (1.0 - self.prior)) / self.slope, 0.0) ** 2
+        odds = math.log(self.prior / (1.0 - self.prior))
+        least = max(self.midpoint, root(self.least)) - odds / self.slope
+        return 0.5 * max(least, 0.0) ** 2
 
 
 class Model(BaseModel):
