@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.logs.angles import sample_numbers
-from fdd.logs.stamps import JUMP_PERIODS, nominal_period
+from fdd.logs.stamps import JUMP_PERIODS, nominal_period, sample_numbers
 from fdd.measures import measure
 from fdd.samples import PRESSURES, Column
 
@@ -81,14 +80,13 @@ def check_time(time: Column, shortest: float) -> DataQuality:
 
 def count_missing(columns: Mapping[str, Column], quality: DataQuality) -> None:
     """Count rows with NaN, and note which channels have them."""
-    any_gone = np.zeros(next(iter(columns.values())).size, dtype=bool) if columns else np.zeros(0, dtype=bool)
+    gone = np.zeros(next((v.size for v in columns.values()), 0), dtype=bool)
     for name, values in columns.items():
         mask = ~np.isfinite(values)
-        count = int(mask.sum())
-        any_gone |= mask
-        if count:
+        gone |= mask
+        if count := int(mask.sum()):
             quality.notes.append(f"{name}: {count} values are missing ({100.0 * count / mask.size:.2g} %)")
-    quality.nan_samples = int(any_gone.sum())
+    quality.nan_samples = int(gone.sum())
 
 
 def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | None = None) -> None:
@@ -103,43 +101,37 @@ def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | N
     InputError : names the channel, the largest value as it was written, and the likely unit.
     """
     said = units or {}
-    for name in PRESSURES:
-        largest, unit = _largest(columns, name), said.get(name, "Pa")
-        written = largest / measure(unit, "pressure").factor
+
+    def refused(channel: str, problem: str, unit: str, likely: str) -> InputError:
+        mend = f"give unit: {likely}" if likely != unit else "correct its scale or unit"
+        return InputError(f"channel {channel}: {problem}", mend=f"{mend} in the map (--map)")
+
+    largest = {name: _largest(columns[name]) for name in (*PRESSURES, "position") if name in columns}
+    chambers = [largest[name] for name in ("pressure_1", "pressure_2") if name in largest]
+    # What a chamber's largest pressure reaches at least: more where no chamber shows any.
+    quiet = bool(chambers) and max(*chambers, largest.get("pressure_difference", 0.0)) < 2e4
+    for name in (name for name in PRESSURES if name in largest):
+        unit = said.get(name, "Pa")
+        written = largest[name] / measure(unit, "pressure").factor
         likely = "bar" if written < 1e3 else "kPa" if written < 1e5 else "Pa"
-        if largest > HIGHEST_PRESSURE:
+        if largest[name] > HIGHEST_PRESSURE:
             problem = f"up to {written:.3g} {unit}, more than any hydraulic circuit holds"
-            raise _in_another_unit(name, problem, unit, likely)
+            raise refused(name, problem, unit, likely)
         # A drained accumulator may well show nothing; a chamber is precharged, and its noise alone is more.
-        if name != "pressure_accumulator" and 0.0 < largest < _least_pressure(columns):
+        if name != "pressure_accumulator" and 0.0 < largest[name] < (2e4 if quiet else 2e3):
             looks = f"pressures look like {likely}" if likely != unit else "no pressures of a cylinder"
-            problem = f"{looks} (at most {written:.3g} {unit})"
-            raise _in_another_unit(name, problem, unit, likely)
-    position, unit = _largest(columns, "position"), said.get("position", "m")
-    if position > 10.0:
+            raise refused(name, f"{looks} (at most {written:.3g} {unit})", unit, likely)
+    if (position := largest.get("position", 0.0)) > 10.0:
+        unit = said.get("position", "m")
         written = position / measure(unit, "length").factor
         likely = "mm" if written < 1e4 else "um"
-        raise _in_another_unit("position", f"up to {written:.3g} {unit}, looks like {likely}", unit, likely)
+        raise refused("position", f"up to {written:.3g} {unit}, looks like {likely}", unit, likely)
     oil, unit = columns.get("oil_temperature"), said.get("oil_temperature", "°C")
     if oil is not None and np.nanmedian(oil) > 200.0:
         scale = measure(unit, "temperature")
         written = (float(np.nanmedian(oil)) - scale.offset) / scale.factor
-        raise _in_another_unit("oil_temperature", f"{written:.0f} {unit}, looks like kelvin", unit, "K")
+        raise refused("oil_temperature", f"{written:.0f} {unit}, looks like kelvin", unit, "K")
 
 
-def _in_another_unit(channel: str, problem: str, said: str, likely: str) -> InputError:
-    mend = f"give unit: {likely}" if likely != said else "correct its scale or unit"
-    return InputError(f"channel {channel}: {problem}", mend=f"{mend} in the map (--map)")
-
-
-def _least_pressure(columns: Mapping[str, Column]) -> float:
-    """What a chamber's largest pressure reaches at least, Pa: more where no chamber shows any."""
-    chambers = [_largest(columns, n) for n in ("pressure_1", "pressure_2") if n in columns]
-    return 2e4 if chambers and max(*chambers, _largest(columns, "pressure_difference")) < 2e4 else 2e3
-
-
-def _largest(columns: Mapping[str, Column], name: str) -> float:
-    values = columns.get(name)
-    if values is None or not np.isfinite(values).any():
-        return 0.0
-    return float(max(np.nanmax(values), -np.nanmin(values)))
+def _largest(values: Column) -> float:
+    return float(max(np.nanmax(values), -np.nanmin(values))) if np.isfinite(values).any() else 0.0

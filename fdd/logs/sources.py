@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
@@ -14,8 +13,7 @@ from fdd.near_misses import listed
 from fdd.samples import CHANNELS
 
 
-@dataclass(frozen=True)
-class Feed:
+class Feed(NamedTuple):
     """A channel's source in an opened file.
 
     Attributes
@@ -39,59 +37,53 @@ def feeds_of(
     ------
     InputError : nothing that the map or the contract names is in the file, or the file has several axes.
     """
-    if isinstance(log, McapFile) and log.truncated and not log.signals:
-        raise InputError(
-            "cut off before its first message can be read", where=log.path, mend="record or copy it again"
-        )
-    if channel_map is not None:
-        return _mapped(log, channel_map), axis or channel_map.axis
-    return _measurement(log, axis) if isinstance(log, McapFile) else (_named(log), axis)
-
-
-def _mapped(log: LogFile, channel_map: ChannelMap) -> dict[str, Feed]:
-    topics = isinstance(log, McapFile)
-    if topics and not channel_map.reads_mcap:
+    messages = isinstance(log, McapFile)
+    if messages and log.truncated and not log.signals:
+        problem = "cut off before its first message can be read"
+        raise InputError(problem, where=log.path, mend="record or copy it again")
+    if channel_map is None:
+        return _measurement(log, axis) if isinstance(log, McapFile) else (_named(log), axis)
+    if messages and not channel_map.reads_mcap:
         raise InputError("the map names columns, but this is an MCAP file", where=log.path, mend="map topics")
-    if not topics and channel_map.reads_mcap:
+    if not messages and channel_map.reads_mcap:
         raise InputError("the map names topics, but this is a table", where=log.path, mend="map columns")
-    out = {}
+
+    def found(source: ChannelSource, name: str | None) -> Signal:
+        return log.field(str(source.topic), name) if isinstance(log, McapFile) else log.find(str(name))
+
+    feeds = {}
     for channel, source in channel_map.channels.items():
-        if source.from_ is not None:
-            continue
-        wanted = [source.field if topics else source.column, *([source.sign_of] if source.sign_of else [])]
-        signal, *direction = (
-            log.field(str(source.topic), name) if isinstance(log, McapFile) else log.find(str(name))
-            for name in wanted
-        )
-        out[channel] = Feed(_with_unit(channel, source, signal), signal, *direction)
-    return out
+        if source.from_ is None:
+            signal = found(source, source.field if messages else source.column)
+            direction = found(source, source.sign_of) if source.sign_of else None
+            feeds[channel] = Feed(_with_unit(channel, source, signal), signal, direction)
+    return feeds, axis or channel_map.axis
 
 
 def _with_unit(channel: str, source: ChannelSource, signal: Signal) -> ChannelSource:
     """The source with the file's own unit where the map gives none."""
-    if source.unit is not None or not signal.unit or (source.scale, source.offset) != (1.0, 0.0):
-        return source
-    if find_measure(signal.unit, CHANNELS[channel].dimension) is None:
+    given = source.unit is not None or (source.scale, source.offset) != (1.0, 0.0)
+    if given or not signal.unit or find_measure(signal.unit, CHANNELS[channel].dimension) is None:
         return source
     return source.model_copy(update={"unit": signal.unit})
+
+
+def _unusable(log: LogFile, problem: str, there: str) -> InputError:
+    mend = f"make a map with fdd map and give it with --map{there}"
+    return InputError(f"no usable channels{problem}", where=log.path, mend=mend)
 
 
 def _named(log: LogFile) -> dict[str, Feed]:
     """Signals that are called as the contract's channels."""
     found: dict[str, Signal] = {}
     for channel in CHANNELS:
-        if channel in log.doubled:
-            log.find(channel)
-        ends = [s for s in log.signals.values() if s.name.rsplit("/", 1)[-1] == channel]
-        if channel in log.signals or len(ends) == 1:
+        ends = sum(name.rsplit("/", 1)[-1] == channel for name in log.signals)
+        if channel in log.doubled or channel in log.signals or ends == 1:
             found[channel] = log.find(channel)
-    fed = {c: s for c, s in found.items() if c != "time"}
-    if not fed:
-        raise InputError(
-            "no usable channels", where=log.path,
-            mend=f"make a map with fdd map and give it with --map; its columns are: {listed(log.signals)}",
-        )  # fmt: skip
-    if "time" not in found and log.stamps(next(iter(fed.values())).clock) is None:
+    fed = next((signal for channel, signal in found.items() if channel != "time"), None)
+    if fed is None:
+        raise _unusable(log, "", f"; its columns are: {listed(log.signals)}")
+    if "time" not in found and log.stamps(fed.clock) is None:
         raise InputError("no column 'time'", where=log.path, mend="say with --map which column is the time")
     return {c: Feed(_with_unit(c, ChannelSource(column=s.name), s), s) for c, s in found.items()}
 
@@ -101,10 +93,7 @@ def _measurement(log: McapFile, axis: str | None) -> tuple[dict[str, Feed], str]
     axes = [found["axis"] for t in log.topics if (found := AXIS_TOPIC.match(t))]
     if not axes:
         there = f"it has: {listed(log.topics)}" if log.topics else "it has no topics"
-        raise InputError(
-            "no usable channels: no topic /eha/<axis>/measurement", where=log.path,
-            mend=f"make a map with fdd map and give it with --map ({there})",
-        )  # fmt: skip
+        raise _unusable(log, ": no topic /eha/<axis>/measurement", f" ({there})")
     if axis is not None and axis not in axes:
         raise InputError(f"no axis {axis!r}", where=log.path, mend=f"the file has: {listed(axes)}")
     if axis is None and len(axes) > 1:
@@ -113,15 +102,11 @@ def _measurement(log: McapFile, axis: str | None) -> tuple[dict[str, Feed], str]
     topic = f"/eha/{chosen}/measurement"
     if topic in log.reasons:
         log.field(topic, "position")
-    fields: Mapping[str | None, Signal] = {s.field: s for s in log.signals.values() if s.topic == topic}
+    fields = {str(s.field): s for s in log.signals.values() if s.topic == topic}
     if not fields:
         mend = "the file may be cut off: record or copy it again"
         raise InputError("no message could be read", where=log.path, mend=mend)
     feeds = {c: Feed(ChannelSource(topic=topic, field=c), fields[c]) for c in CHANNELS if c in fields}
     if not set(feeds) - {"time"}:
-        its = listed(str(f) for f in fields)
-        raise InputError(
-            "no usable channels", where=log.path,
-            mend=f"make a map with fdd map and give it with --map; its fields are: {its}",
-        )  # fmt: skip
+        raise _unusable(log, "", f"; its fields are: {listed(fields)}")
     return feeds, chosen

@@ -16,8 +16,7 @@ from made_up_logs import ROWS, A, B, assert_same, parts, refused, strokes
 from pyarrow import parquet
 
 from fdd.logs import read_log, tabular_writing
-from fdd.logs.mcap_runs import RunBlock, write_blocks
-from fdd.logs.mcap_writing import write_run
+from fdd.logs.mcap_writing import RunBlock, write_blocks, write_run
 from fdd.logs.tabular_writing import table_file, write_csv, write_parquet, write_table_blocks
 from fdd.samples import Samples
 
