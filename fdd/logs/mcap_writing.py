@@ -103,7 +103,9 @@ def write_blocks(
     with mcap_file(path, records, start_ns) as out:
         for block in blocks:
             root, time = f"/eha/{block.axis_of(axes)}", block.samples.time
-            topics = {f"{root}/measurement": {"time": time, **block.samples.columns}}
+            topics: dict[str, Mapping[str, ArrayLike]] = {
+                f"{root}/measurement": {"time": time, **block.samples.columns}
+            }
             if block.truth is not None:
                 topics[f"{root}/truth"] = {"time": time, **block.truth}
             out.add_columns(topics)

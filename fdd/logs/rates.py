@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.logs.stamps import sample_numbers
+from fdd.logs.quality import sample_numbers
 from fdd.samples import Column
 
 LEAST_CHANGES = 50

@@ -10,14 +10,19 @@ import numpy as np
 
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
-from fdd.logs.conversion import accumulate_speed, to_si
+from fdd.logs.conversion import Feed, accumulate_speed, feeds_of, to_si
 from fdd.logs.formats import LogFile, open_log
 from fdd.logs.formats.mcap import McapFile
 from fdd.logs.formats.signals import Signal
-from fdd.logs.quality import DataQuality, check_magnitudes, check_time, count_missing
+from fdd.logs.quality import (
+    DataQuality,
+    check_magnitudes,
+    check_time,
+    count_missing,
+    increasing_time,
+    nominal_period,
+)
 from fdd.logs.rates import aligned, between, on_common_rows, own_measurements, own_period
-from fdd.logs.sources import Feed, feeds_of
-from fdd.logs.stamps import increasing_time, nominal_period
 from fdd.samples import Column, Samples, missing_required
 
 TIME_OF_DAY_S = 3600.0

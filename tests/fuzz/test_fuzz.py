@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzz.targets import CORPUS, KINDS, case, run
+from tests.fuzz.targets import CORPUS, KINDS, run
 from tests.fuzz.workers import Task, fuzz, tasks_of
 
 EACH = 300
@@ -22,16 +22,10 @@ def test_every_seed_is_read(kind: str, tmp_path: Path) -> None:
         assert run(kind, copy) == "read", path.name
 
 
-def test_a_case_is_the_same_each_time_and_another_for_another_number() -> None:
-    for kind in KINDS:
-        assert case(kind, 5, 7) == case(kind, 5, 7)
-        assert len({case(kind, 5, k)[1] for k in range(20)}) > 10
-
-
 @pytest.mark.slow
 def test_changed_files_are_read_or_refused_in_one_line() -> None:
     """Corpus: files that once ended the process, hung or raised something else than an `InputError`."""
-    corpus = [Task(p.parent.name, file=p) for p in sorted(CORPUS.glob("*/*"))]
+    corpus = [Task(p.parent.name, file=str(p)) for p in sorted(CORPUS.glob("*/*"))]
     assert len(corpus) >= 15
     out = fuzz([*corpus, *tasks_of(KINDS, EACH * len(KINDS), seed=1000)])
     assert not out.finds, "\n".join(f"{task}: {what}" for task, what in out.finds)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fdd.logs.conversion import accumulate_speed, directed, unwrap_counts
-from fdd.logs.stamps import sample_numbers
+from fdd.logs.quality import sample_numbers
 
 
 @given(st.lists(st.integers(-2047, 2047), min_size=1, max_size=50), st.sets(st.integers(0, 49)))

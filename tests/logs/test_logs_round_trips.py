@@ -78,17 +78,6 @@ def test_pandas_reads_what_we_write(tmp_path: Path) -> None:
             np.testing.assert_array_equal(frame[name].to_numpy(), samples[name])
 
 
-def test_we_read_what_pandas_writes(tmp_path: Path) -> None:
-    samples = strokes()
-    frame = pd.DataFrame({"time": samples.time, **samples.columns})
-    frame.to_csv(tmp_path / "a.csv", index=False)
-    frame.to_csv(tmp_path / "b.csv", index=False, sep=";", decimal=",", encoding="utf-8-sig")
-    frame.to_csv(tmp_path / "c.csv", index=False, sep="\t", encoding="utf-16")
-    frame.to_parquet(tmp_path / "a.parquet", index=False)
-    for name in ("a.csv", "b.csv", "c.csv", "a.parquet"):
-        assert_same(read_log(tmp_path / name), samples)
-
-
 def test_an_mcap_log_comes_with_its_axis_time_and_metadata(tmp_path: Path) -> None:
     samples = strokes(3000)
     gap = samples["position"].copy()
