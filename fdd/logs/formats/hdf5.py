@@ -32,15 +32,16 @@ def open_hdf5(path: Path) -> TreeFile:
     import h5py
 
     check_hdf5(path)
-    groups: dict[str, Group] = {}
+    nodes: dict[str, Any] = {}
 
-    def take(group: str, node: Any) -> None:
-        if isinstance(node, h5py.Group) and not group.startswith("#"):  # MATLAB keeps those for itself
-            groups[group] = _group(path, node)
+    def take(name: str, node: Any) -> None:
+        if isinstance(node, h5py.Group) and not name.startswith("#"):  # MATLAB keeps those for itself
+            nodes[name] = node
 
     with readable("damaged HDF5 file", path), h5py.File(path) as file:
         take("", file)
         file.visititems(take)  # follows neither soft nor external links
+        groups = {name: _group(path, node) for name, node in nodes.items()}
     return tree_file(path, groups)
 
 
