@@ -25,7 +25,7 @@ def test_every_seed_is_read(kind: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_changed_files_are_read_or_refused_in_one_line() -> None:
     """Corpus: files that once ended the process, hung or raised something else than an `InputError`."""
-    corpus = [Task(p.parent.name, file=str(p)) for p in sorted(CORPUS.glob("*/*"))]
+    corpus = [Task(p.parent.name, file=p) for p in sorted(CORPUS.glob("*/*"))]
     assert len(corpus) >= 15
     out = fuzz([*corpus, *tasks_of(KINDS, EACH * len(KINDS), seed=1000)])
     assert not out.finds, "\n".join(f"{task}: {what}" for task, what in out.finds)

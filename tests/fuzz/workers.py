@@ -1,46 +1,40 @@
-"""Cases in processes of their own, with a bound on memory, watched by time and exit status.
-
-``python -m tests.fuzz.workers`` is such a process: a task a line goes in, what came of it comes out.
-"""
+"""Cases in processes of their own, with a bound on memory, watched by time and exit status."""
 
 from __future__ import annotations
 
-import json
-import os
+import multiprocessing
 import resource
-import signal
-import subprocess
-import sys
 import tempfile
 import time
 import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-from tests.fuzz.targets import KINDS, ROOT, case, run
+from tests.fuzz.targets import KINDS, case, run
 
-MOST_SECONDS = 10
+MOST_SECONDS = 10.0
 MOST_BYTES = 2 << 30
 """Of address space, beyond what the process has before its first case."""
 
 
-class Task(NamedTuple):
+@dataclass(frozen=True)
+class Task:
     """A case by its number, or a file."""
 
     kind: str
     seed: int = 0
     number: int = 0
-    file: str | None = None
+    file: Path | None = None
 
     def content(self) -> tuple[str, bytes]:
         """Suffix and bytes."""
         if self.file is not None:
-            return Path(self.file).suffix, Path(self.file).read_bytes()
+            return "".join(self.file.suffixes[-1:]), self.file.read_bytes()
         return case(self.kind, self.seed, self.number)
 
 
@@ -53,59 +47,89 @@ class Outcome:
     finds: list[tuple[Task, str]] = field(default_factory=list)
 
 
+class _Worker:
+    """A process that is handed one task at a time."""
+
+    def __init__(self) -> None:
+        self.connection, inner = multiprocessing.Pipe()
+        context = multiprocessing.get_context("spawn")
+        self.process = context.Process(target=_serve, args=(inner,), daemon=True)
+        self.process.start()
+        inner.close()
+        self.task: Task | None = None
+        self.since = 0.0
+        assert self.connection.recv() == "ready"
+
+    def give(self, task: Task) -> None:
+        self.task, self.since = task, time.monotonic()
+        self.connection.send(task)
+
+    def end(self) -> int | None:
+        self.process.kill()
+        self.process.join()
+        return self.process.exitcode
+
+
 def fuzz(tasks: Iterable[Task], workers: int = 2) -> Outcome:
-    """Carry out tasks; what is neither read nor refused in time is a find."""
-    out, every = Outcome(), list(tasks)
-    with ThreadPoolExecutor(workers) as pool:
-        for done in pool.map(_carried_out, [every[k::workers] for k in range(workers)]):
-            for task, result, spent in done:
-                out.slowest[task.kind] = max(out.slowest.get(task.kind, 0.0), spent)
-                good = result in ("read", "refused") and spent <= MOST_SECONDS
-                out.counts[task.kind, result if good else "find"] += 1
-                if not good:
-                    out.finds.append((task, f"{result} ({spent:.1f} s)"))
-    return out
+    """Carry out tasks; a process that dies or hangs is a find, and another takes its place."""
+    out, waiting = Outcome(), iter(tasks)
+    idle, busy = [_Worker() for _ in range(workers)], list[_Worker]()
+    try:
+        while True:
+            while idle and (task := next(waiting, None)) is not None:
+                idle[-1].give(task)
+                busy.append(idle.pop())
+            if not busy:
+                return out
+            ready = wait([w.connection for w in busy], timeout=0.2)
+            for worker in list(busy):
+                result, spent = None, time.monotonic() - worker.since
+                if worker.connection in ready:
+                    try:
+                        result, spent = worker.connection.recv()
+                    except (EOFError, OSError):
+                        worker.process.join(5)
+                        result = f"the process died (exit status {worker.process.exitcode})"
+                elif spent > MOST_SECONDS:
+                    result = f"not done after {MOST_SECONDS:g} s"
+                if result is None:
+                    continue
+                busy.remove(worker)
+                _take(out, worker, result, spent)
+                if worker.process.is_alive() and not result.startswith(("the process", "not done")):
+                    idle.append(worker)
+                else:
+                    worker.end()
+                    idle.append(_Worker())
+    finally:
+        for worker in [*idle, *busy]:
+            worker.end()
 
 
-def _carried_out(tasks: list[Task]) -> list[tuple[Task, str, float]]:
-    """Results and seconds; where a process dies or hangs, another one goes on after that task."""
-    done: list[tuple[Task, str, float]] = []
-    while len(done) < len(tasks):
-        left = tasks[len(done) :]
-        lines = "".join(f"{json.dumps(task)}\n" for task in left)
-        command = [sys.executable, "-m", "tests.fuzz.workers"]
-        child = subprocess.run(command, input=lines, capture_output=True, text=True, cwd=ROOT)
-        ready, *told = child.stdout.splitlines() or [""]
-        assert ready == "ready", child.stderr
-        done += [(task, *json.loads(line)) for task, line in zip(left, told, strict=False)]
-        if len(told) < len(left):
-            late = child.returncode == -signal.SIGALRM
-            died = f"the process died (exit status {child.returncode})"
-            done.append((left[len(told)], "not done in time" if late else died, float(MOST_SECONDS)))
-    return done
+def _take(out: Outcome, worker: _Worker, result: str, spent: float) -> None:
+    assert worker.task is not None
+    kind = worker.task.kind
+    out.slowest[kind] = max(out.slowest.get(kind, 0.0), spent)
+    if result in ("read", "refused") and spent <= MOST_SECONDS:
+        out.counts[kind, result] += 1
+    else:
+        out.counts[kind, "find"] += 1
+        out.finds.append((worker.task, f"{result} ({spent:.1f} s)"))
 
 
-def _serve() -> None:
-    """Carry out the tasks on standard input."""
+def _serve(connection: Connection[Any, Any]) -> None:
     warnings.simplefilter("ignore")
-    out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what a library prints is no result
     with tempfile.TemporaryDirectory() as folder:
-        # Libraries and compiled code are loaded before the memory is measured.
-        for name, kind in KINDS.items():
-            for path in kind.seeds(name):
-                _result(Task(name, file=str(path)), Path(folder))
+        _warm_up(Path(folder))
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         limit = pages * resource.getpagesize() + MOST_BYTES
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        print("ready", file=out, flush=True)
-        for line in sys.stdin:
+        connection.send("ready")
+        while True:
+            task: Task = connection.recv()
             begun = time.monotonic()
-            signal.alarm(MOST_SECONDS)  # ends the process, whatever it is at
-            result = _result(Task(*json.loads(line)), Path(folder))
-            signal.alarm(0)
-            print(json.dumps([result, time.monotonic() - begun]), file=out, flush=True)
+            connection.send((_result(task, Path(folder)), time.monotonic() - begun))
 
 
 def _result(task: Task, folder: Path) -> str:
@@ -124,12 +148,17 @@ def _result(task: Task, folder: Path) -> str:
         path.unlink(missing_ok=True)
 
 
+def _warm_up(folder: Path) -> None:
+    """Load libraries and compiled code before the memory is measured."""
+    for name, kind in KINDS.items():
+        for path in kind.seeds(name):
+            copy = folder / path.name
+            copy.write_bytes(path.read_bytes())
+            run(name, copy)
+
+
 def tasks_of(kinds: Iterable[str], count: int, seed: int) -> Iterator[Task]:
     """`count` cases, the kinds in turn."""
     names = list(kinds)
     for k in range(count):
         yield Task(names[k % len(names)], seed, k // len(names))
-
-
-if __name__ == "__main__":
-    _serve()
