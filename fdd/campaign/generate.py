@@ -48,7 +48,7 @@ from fdd.campaign.visibility import is_visible, largest_rms, visibility
 from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
 from fdd.files import whole_file, write_text, written
-from fdd.logs.mcap_runs import write_run
+from fdd.logs.mcap_writing import write_run
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import struck_channel
 from fdd.plant.simulate import Simulation, simulate

@@ -41,7 +41,7 @@ def map(
     from fdd.logs import ChannelMap, read_log
     from fdd.logs.formats import open_log
     from fdd.logs.mapping import Words, given_of, propose
-    from fdd.logs.mapping.writing import balance_words, map_text
+    from fdd.logs.mapping.proposal import balance_words
 
     require_writable(out)
     known = given_of(given or [])
@@ -61,7 +61,7 @@ def map(
             found.assume(question)
         else:
             found.answer(question, _answered(question))
-    text = map_text(found, name or logs[0].parent.resolve().name, axis, logs[0].name)
+    text = found.map_text(name or logs[0].parent.resolve().name, axis, logs[0].name)
     channel_map = ChannelMap.from_yaml(text)  # what is written is what is read
     read = [read_log(path, channel_map) for path in logs]
     write_text(out, text)

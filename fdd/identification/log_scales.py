@@ -21,7 +21,7 @@ from fdd.identification.signs import (
     refuse_sign,
 )
 from fdd.identification.slips import NEAR
-from fdd.logs.stamps import nominal_period
+from fdd.logs.quality import nominal_period
 from fdd.samples import Samples
 from fdd.unit import Unit
 

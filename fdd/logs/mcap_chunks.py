@@ -1,11 +1,12 @@
-"""Columns into an MCAP file by the chunk: the message records of a chunk are one NumPy array.
+"""Columns into an MCAP file by the chunk: its Protobuf messages have one length, and are one NumPy array.
 
 A chunk holds one topic; those of several topics overlap in time, and readers go by the index's log times.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from fdd import __version__
 from fdd.errors import InputError
 from fdd.files import whole_file
-from fdd.logs.protobuf_rows import layout
 from fdd.samples import CHANNELS
 
 CHUNK_BYTES = 1 << 20
@@ -100,8 +100,9 @@ class ColumnWriter(Writer):
             self._add_chunk(topic, stamps[part], {f: column[part] for f, column in values.items()})
 
     def _register(self, name: str, kinds: dict[str, bool]) -> _Topic:
-        title, about = described(name, kinds)
-        schema, message, places = layout(title, kinds)
+        title = f"fdd.{name.rpartition('/')[2].title()}"
+        about = {f: f"{CHANNELS[f].unit}: {CHANNELS[f].meaning}" for f in kinds if f in CHANNELS}
+        schema, message, places = _layout(title, kinds)
         number = self.register_schema(title, "protobuf", schema)
         channel = self.register_channel(name, "protobuf", number, about)
         # The length leaves out the opcode and itself.
@@ -133,10 +134,53 @@ class ColumnWriter(Writer):
         self.flush()
 
 
-def described(topic: str, fields: Iterable[str]) -> tuple[str, dict[str, str]]:
-    """A topic's type, and what its channel says of its fields."""
-    about = {f: f"{CHANNELS[f].unit}: {CHANNELS[f].meaning}" for f in fields if f in CHANNELS}
-    return f"fdd.{topic.rpartition('/')[2].title()}", about
+def _layout(title: str, fields: Mapping[str, bool]) -> tuple[bytes, bytes, np.dtype[np.void]]:
+    """Of messages of one length: schema (FileDescriptorSet), a message of zeros, and where its values stand.
+
+    Each field is always there: an ``optional double``, or an ``optional bool`` (True); ``ekf.leakage`` is the
+    field leakage of the nested message ekf.
+    """
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+
+    package, _, name = title.rpartition(".")
+    files = FileDescriptorSet()
+    # proto2, whose fields tell whether they are there without the made-up oneofs of proto3.
+    file = files.file.add(name=f"{title}.proto", package=package, syntax="proto2")
+    message, places = _lay(fields, file.message_type.add(name=name), f".{title}")
+    names, formats, offsets = zip(*places, strict=True)
+    dtype: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(message)}
+    return files.SerializeToString(), message, np.dtype(dtype)
+
+
+def _lay(fields: Mapping[str, bool], type_: Any, title: str) -> tuple[bytes, list[tuple[str, str, int]]]:
+    """Declare the fields; the message of zeros, and name, format and offset of each value."""
+    groups: dict[str, dict[str, bool]] = {}
+    for path, boolean in fields.items():
+        name, _, rest = path.partition(".")
+        groups.setdefault(name, {})[rest] = boolean
+    message, places = b"", []
+    for number, (name, members) in enumerate(groups.items(), start=1):
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+            raise InputError(f"{name[:70]!r} cannot name a field", mend="use letters, digits and _")
+        field = type_.field.add(name=name, number=number)
+        field.label = field.LABEL_OPTIONAL
+        if "" in members:
+            boolean = members[""]
+            field.type = field.TYPE_BOOL if boolean else field.TYPE_DOUBLE
+            message += _varint(number << 3 | (not boolean))
+            places.append((name, "?" if boolean else "<f8", len(message)))
+            message += bytes(1 if boolean else 8)
+        else:
+            field.type, field.type_name = field.TYPE_MESSAGE, f"{title}.{name}_fields"
+            inner, below = _lay(members, type_.nested_type.add(name=f"{name}_fields"), field.type_name)
+            message += _varint(number << 3 | 2) + _varint(len(inner))
+            places += [(f"{name}.{path}", form, len(message) + at) for path, form, at in below]
+            message += inner
+    return message, places
+
+
+def _varint(value: int) -> bytes:
+    return bytes([value]) if value < 128 else bytes([value & 127 | 128]) + _varint(value >> 7)
 
 
 @contextmanager

@@ -1,25 +1,24 @@
-"""MCAP out: logs with their diagnosis beside them (runs of the plant: `fdd.logs.mcap_runs`).
+"""MCAP out: runs of the plant, whole or block by block with bounded memory, and logs with their diagnosis.
 
-Topics are the contract's: ``/eha/<axis>/measurement``, ``/estimate`` and ``/diagnosis``, and ``/events`` with
-`foxglove.Log` messages in JSON.
+Topics are the contract's: ``/eha/<axis>/measurement``, ``/truth``, ``/estimate`` and ``/diagnosis``, and
+``/events`` with `foxglove.Log` messages in JSON. Truth never stands in the measurement.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fdd.logs.mcap_chunks import ColumnWriter, mcap_file
-from fdd.logs.mcap_runs import require_axis, write_run
+from fdd.errors import InputError
 from fdd.samples import Samples
 
-__all__ = ["write_annotated", "write_run"]
-
-INFO, _WARNING, _ERROR = 2, 3, 4
 _NUMBER, _TEXT = {"type": "integer"}, {"type": "string"}
 LOG_SCHEMA = {
     "title": "foxglove.Log", "type": "object",
@@ -28,6 +27,102 @@ LOG_SCHEMA = {
         "level": _NUMBER, "message": _TEXT, "name": _TEXT, "file": _TEXT, "line": _NUMBER,
     },
 }  # fmt: skip
+_WARNING, _ERROR = 3, 4
+
+
+@dataclass(frozen=True)
+class RunBlock:
+    """A stretch of one axis's run.
+
+    Attributes
+    ----------
+    samples : what was measured; may be empty, with its channels.
+    truth : true quantities by name, ``time`` (m,) s and columns (m,); without a ``time`` on the samples' own.
+    axis : name of the axis in the topics; None for the file's only one.
+    """
+
+    samples: Samples
+    truth: Mapping[str, ArrayLike] | None = None
+    axis: str | None = None
+
+    def axis_of(self, axes: Sequence[str]) -> str:
+        """The block's axis; InputError where it is none of the run's."""
+        axis = axes[0] if self.axis is None and len(axes) == 1 else self.axis
+        if axis is None or axis not in axes:
+            problem = f"a block of axis {axis!r} in a run of {', '.join(axes)}"
+            raise InputError(problem, mend="name one of these axes")
+        return axis
+
+
+def require_axis(axis: str) -> None:
+    """Refuse a name that cannot stand in a topic."""
+    if not re.fullmatch(r"[A-Za-z0-9_.\-]{1,64}", axis):
+        raise InputError(f"axis {axis[:70]!r} cannot stand in a topic", mend="use letters, digits, _ . and -")
+
+
+def write_blocks(
+    path: str | Path,
+    blocks: Iterable[RunBlock],
+    *,
+    axes: Sequence[str],
+    units: Mapping[str, str] | None = None,
+    scenario_json: str | None = None,
+    labels: Mapping[str, Any] | None = None,
+    start_ns: int = 0,
+) -> None:
+    """Write a run from an iterator of blocks; the messages do not depend on how the rows are cut into them.
+
+    Parameters
+    ----------
+    path : the file; it appears whole or not at all.
+    blocks : of some seconds each, those of several axes in turn: what they overlap, chunks in the file do.
+    axes : names of all axes.
+    units : profile (YAML) of each axis that has one: metadata record ``unit`` with the key ``yaml`` for one
+        axis, with the axes' names as keys for several.
+    scenario_json, labels : metadata records ``scenario`` and ``labels`` (key json).
+    start_ns : ns; log time of t = 0.
+
+    Raises
+    ------
+    InputError : an axis that is no topic, columns that change, or a folder that is not there.
+    """
+    # Takes a while to import: not before it is needed.
+    from fdd.logs.mcap_chunks import mcap_file
+
+    if not axes or len(set(axes)) < len(axes):
+        raise InputError("a run needs axes of different names", where=path, mend="name each axis once")
+    for axis in axes:
+        require_axis(axis)
+    records: dict[str, dict[str, str]] = {}
+    if units:
+        records["unit"] = {"yaml" if len(axes) == 1 else a: units[a] for a in axes if a in units}
+    if scenario_json is not None:
+        records["scenario"] = {"json": scenario_json}
+    if labels is not None:
+        records["labels"] = {"json": json.dumps(labels, allow_nan=False)}
+    with mcap_file(path, records, start_ns) as out:
+        for block in blocks:
+            root, time = f"/eha/{block.axis_of(axes)}", block.samples.time
+            topics: dict[str, Mapping[str, ArrayLike]] = {
+                f"{root}/measurement": {"time": time, **block.samples.columns}
+            }
+            if block.truth is not None:
+                topics[f"{root}/truth"] = {"time": time, **block.truth}
+            out.add_columns(topics)
+
+
+def write_run(
+    path: str | Path,
+    samples: Samples,
+    *,
+    axis: str,
+    truth: Mapping[str, ArrayLike] | None = None,
+    unit_yaml: str | None = None,
+    **about: Any,
+) -> None:
+    """Write a run of one axis that is there as a whole; `about` as for `write_blocks`."""
+    units = None if unit_yaml is None else {axis: unit_yaml}
+    write_blocks(path, [RunBlock(samples, truth)], axes=[axis], units=units, **about)
 
 
 def write_annotated(
@@ -50,22 +145,45 @@ def write_annotated(
         and detection of each of its faults.
     start_ns : ns; log time of t = 0.
     """
+    from fdd.logs.mcap_chunks import mcap_file
+
     require_axis(axis)
     metadata = {} if unit_yaml is None else {"unit": {"yaml": unit_yaml}}
     metadata["diagnosis"] = {"json": diagnosis_json}
+    root = f"/eha/{axis}"
     topics = {
-        f"/eha/{axis}/measurement": {"time": samples.time, **samples.columns},
-        f"/eha/{axis}/estimate": estimate_columns(trajectories),
-        f"/eha/{axis}/diagnosis": diagnosis_columns(trajectories),
+        f"{root}/measurement": {"time": samples.time, **samples.columns},
+        f"{root}/estimate": _estimate_columns(trajectories),
+        f"{root}/diagnosis": _diagnosis_columns(trajectories),
     }
     with mcap_file(path, metadata, start_ns) as out:
         if faults := json.loads(diagnosis_json).get("faults"):
-            _add_events(out, faults, axis)
+            schema = out.register_schema("foxglove.Log", "jsonschema", json.dumps(LOG_SCHEMA).encode())
+            channel = out.register_channel(f"{root}/events", "json", schema)
+            for time, level, text in (event for fault in faults for event in _events(fault)):
+                stamp = int(out.log_times([time])[0])
+                second, nanosecond = divmod(stamp, 1_000_000_000)
+                message = {
+                    "timestamp": {"sec": second, "nsec": nanosecond}, "level": level, "message": text,
+                    "name": axis, "file": "", "line": 0,
+                }  # fmt: skip
+                out.add_message(channel, stamp, json.dumps(message, ensure_ascii=False).encode(), stamp)
         out.add_columns({name: columns for name, columns in topics.items() if np.size(columns["time"])})
 
 
-def estimate_columns(t: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns of the estimate: of each filter its quantities, their ``_std`` and its ``nis``."""
+def _events(fault: Mapping[str, Any]) -> list[tuple[float, int, str]]:
+    """Time (s), level and text of the onset and of the detection of a finding."""
+    names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
+    sure = f"confidence {fault['confidence']:.2f}"
+    said = "; ".join([sure, *fault.get("evidence", [])])
+    return [
+        (fault["onset_s"], _WARNING, f"{names} begins ({sure})"),
+        (fault["detected_s"], _ERROR, f"{names} detected ({said})"),
+    ]
+
+
+def _estimate_columns(t: Mapping[str, Any]) -> dict[str, Any]:
+    """Of each filter its quantities, their ``_std`` and its ``nis``."""
     columns = {"time": t.get("time", ())}
     for tracker, quantities in t.get("estimates", {}).items():
         stds = t.get("stds", {}).get(tracker, {})
@@ -80,8 +198,8 @@ def estimate_columns(t: Mapping[str, Any]) -> dict[str, Any]:
     return columns
 
 
-def diagnosis_columns(t: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns of the diagnosis, a row for each window."""
+def _diagnosis_columns(t: Mapping[str, Any]) -> dict[str, Any]:
+    """A row for each window."""
     columns = {"time": t.get("window_time", ())}
     if "statistic" in t:
         columns["statistic"] = t["statistic"]
@@ -90,33 +208,3 @@ def diagnosis_columns(t: Mapping[str, Any]) -> dict[str, Any]:
     columns |= {f"probabilities.{name}": values for name, values in t.get("probabilities", {}).items()}
     features = np.transpose(t.get("features", ()))
     return columns | {f"features.{n}": f for n, f in zip(t.get("feature_names", ()), features, strict=True)}
-
-
-def _add_events(out: ColumnWriter, faults: list[dict[str, Any]], axis: str) -> None:
-    schema = out.register_schema("foxglove.Log", "jsonschema", json.dumps(LOG_SCHEMA).encode())
-    channel = out.register_channel(f"/eha/{axis}/events", "json", schema)
-    for fault in faults:
-        for time, level, text in events_of(fault):
-            stamp = int(out.log_times([time])[0])
-            out.add_message(channel, stamp, log_message(stamp, level, text, axis), stamp)
-
-
-def events_of(fault: Mapping[str, Any]) -> list[tuple[float, int, str]]:
-    """Time (s), level and text of the onset and of the detection of a finding."""
-    names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
-    sure = f"confidence {fault['confidence']:.2f}"
-    said = "; ".join([sure, *fault.get("evidence", [])])
-    return [
-        (fault["onset_s"], _WARNING, f"{names} begins ({sure})"),
-        (fault["detected_s"], _ERROR, f"{names} detected ({said})"),
-    ]
-
-
-def log_message(stamp: int, level: int, text: str, axis: str) -> bytes:
-    """A message of `LOG_SCHEMA`, at Unix ns."""
-    second, nanosecond = divmod(stamp, 1_000_000_000)
-    message = {
-        "timestamp": {"sec": second, "nsec": nanosecond}, "level": level, "message": text,
-        "name": axis, "file": "", "line": 0,
-    }  # fmt: skip
-    return json.dumps(message, ensure_ascii=False).encode()

@@ -13,19 +13,18 @@ _TIMES = {
     "tempo", "tiempo", "tid", "tijd", "date time", "log time", "logtime", "horodatage", "heure",
     "xtime", "master", "epoch", "tick", "ticks",
 }  # fmt: skip
-_SUFFIX = re.compile(
-    r"[_ .\-/]+(m|cm|mm|um|in|s|ms|us|ns|rad|deg|rev|rpm|hz|pa|kpa|mpa|bar|mbar|psi|n|kn|lbf|a|ma|v|mv|c|f|k"
-    r"|degc|degf|rad_s|rads|deg_s|rps|radps|degps|barg|bara|psig|psia|pct)$",
-    re.IGNORECASE,
-)
-_BRACKETED = re.compile(r"[\[(]\s*([^\[\]()]{1,24}?)\s*[\])]?[\])]\s*$|[,/]\s*([^\s,/]{1,12})\s*$")
-_WRITTEN = {
-    "pa": "Pa", "kpa": "kPa", "mpa": "MPa", "n": "N", "kn": "kN", "a": "A", "ma": "mA", "v": "V", "mv": "mV",
-    "c": "degC", "f": "degF", "k": "K", "degc": "degC", "degf": "degF", "rad_s": "rad/s", "rads": "rad/s",
-    "deg_s": "deg/s", "rps": "rev/s", "radps": "rad/s", "degps": "deg/s", "pct": "%", "hz": "Hz",
+_UNITS = {
+    **{u.lower(): u for u in (
+        "m", "cm", "mm", "um", "in", "s", "ms", "us", "ns", "rad", "deg", "rev", "rpm", "Hz", "Pa", "kPa",
+        "MPa", "bar", "mbar", "barg", "bara", "psi", "psig", "psia", "N", "kN", "lbf", "A", "mA", "V", "mV",
+        "degC", "degF",
+    )},
+    "c": "degC", "f": "degF", "k": "K", "rad_s": "rad/s", "rads": "rad/s", "radps": "rad/s", "deg_s": "deg/s",
+    "degps": "deg/s", "rps": "rev/s", "pct": "%",
 }  # fmt: skip
-
-
+"""What ends a name, in small letters, and the unit that it stands for."""
+_SUFFIX = re.compile(rf"[_ .\-/]+({'|'.join(_UNITS)})$", re.IGNORECASE)
+_BRACKETED = re.compile(r"[\[(]\s*([^\[\]()]{1,24}?)\s*[\])]?[\])]\s*$|[,/]\s*([^\s,/]{1,12})\s*$")
 _RATE = re.compile(r"[\s,/]+((?:1|u|umdr|tr|r|rev|rad|deg|°|m|mm)/(?:min|s))\s*$", re.IGNORECASE)
 """A unit with a slash, which is none of a path."""
 
@@ -72,16 +71,11 @@ def unit_in_name(name: str) -> str | None:
     ['bar', 'mm', 'rad/s', None]
     """
     last = path_parts(name)[1][-LONGEST_NAME:]
-    if rate := _RATE.search(last):
-        return rate[1]
-    found = _BRACKETED.search(last)
-    if found is not None and "[" in last + "[" and (text := found.group(1)):
-        return text
+    for written in (_RATE, _BRACKETED):
+        if (found := written.search(last)) and found[1]:
+            return found[1]
     suffix = _SUFFIX.search(last)
-    if suffix is None:
-        return None
-    text = suffix.group(1)
-    return _WRITTEN.get(text.lower(), text.lower())
+    return None if suffix is None else _UNITS.get(suffix[1].lower(), suffix[1].lower())
 
 
 def is_time_name(name: str) -> bool:

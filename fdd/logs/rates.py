@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.logs.angles import sample_numbers
+from fdd.logs.quality import sample_numbers
 from fdd.samples import Column
 
 LEAST_CHANGES = 50
@@ -49,10 +49,8 @@ def aligned(at: Column, stamps: Column, values: Column) -> Column:
     there = np.isfinite(values) & np.isfinite(stamps)
     stamps, values = stamps[there], values[there]
     if (np.diff(stamps) <= 0.0).any():
-        order = np.argsort(stamps, kind="stable")
-        stamps, values = stamps[order], values[order]
-        single = np.concatenate(([True], np.diff(stamps) > 0.0))
-        stamps, values = stamps[single], values[single]
+        stamps, first = np.unique(stamps, return_index=True)
+        values = values[first]
     out = np.full(at.size, np.nan)
     if stamps.size == 0 or at.size < 2:
         return out
@@ -68,12 +66,10 @@ def aligned(at: Column, stamps: Column, values: Column) -> Column:
         total = np.bincount(row[near], weights=values[near], minlength=at.size)
         return np.asarray(np.divide(total, count, out=out, where=count > 0))
     # A measurement that stands alone stays as it is: its neighbours are too far to tell a slope.
-    between = np.interp(at[row[near]], stamps, values)
-    before = np.diff(stamps, prepend=-np.inf)[near]
-    after = np.diff(stamps, append=np.inf)[near]
-    shifted = at[row[near]] - stamps[near]
-    gap = np.where(shifted < 0.0, before, after)
-    out[row[near]] = np.where(gap < 1.5 * own, between, values[near])
+    row, gaps = row[near], np.diff(stamps)
+    before, after = np.concatenate(([np.inf], gaps)), np.concatenate((gaps, [np.inf]))
+    gap = np.where(at[row] < stamps[near], before[near], after[near])
+    out[row] = np.where(gap < 1.5 * own, np.interp(at[row], stamps, values), values[near])
     return out
 
 
@@ -104,44 +100,31 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
         return None
     whole = bool(there.all())
     known = values if whole else values[there]
-    own = [rows for rows in _changes_and_bends(known) if LEAST_CHANGES <= rows.sum() <= 0.6 * rows.size]
-    if not own or _one_count_at_a_time(known):
+    steps = np.diff(known)
+    changed = np.concatenate(([True], steps != 0.0))
+    bent = np.concatenate(([True], np.abs(np.diff(steps)) > ROUNDING * float(np.ptp(known)), [True]))
+    own = [rows for rows in (changed, bent) if LEAST_CHANGES <= rows.sum() <= 0.6 * rows.size]
+    if not own or _one_count_at_a_time(steps):
         return None  # an encoder at a steady speed has a rhythm, too
-    del known
+    del known, steps, changed, bent
     numbers = sample_numbers(time if whole else time[there], period)
     for rows in own:
-        rhythm = _rhythm(numbers[rows])
+        measured = numbers[rows]
+        rhythm = _rhythm(measured)
         if rhythm is not None:
             # What stands still is measured at the same rhythm, and gives the same value again.
-            wanted = _with_repeats(numbers[rows], rhythm)
-            at = np.searchsorted(numbers, wanted)
-            measured = np.zeros(numbers.size, dtype=bool)
-            measured[at[numbers[at] == wanted]] = True
-            there[there] = measured
+            times = np.maximum(np.rint(np.diff(measured) / rhythm), 1.0).astype(np.int64)
+            place = np.arange(times.sum()) - np.repeat(np.cumsum(times) - times, times)
+            wanted = np.repeat(measured[:-1], times) + np.rint(place * rhythm).astype(np.int64)
+            there[there] = np.isin(numbers, np.append(wanted, measured[-1]))
             return np.where(there, values, np.nan), rhythm * period
     return None
 
 
-def _changes_and_bends(known: Column) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Rows that differ from the one before them, and those at which a line through them bends."""
-    steps = np.diff(known)
-    bent = np.abs(np.diff(steps)) > ROUNDING * float(np.ptp(known))
-    return np.concatenate(([True], steps != 0.0)), np.concatenate(([True], bent, [True]))
-
-
-def _one_count_at_a_time(known: Column) -> bool:
+def _one_count_at_a_time(steps: Column) -> bool:
     """Whether most changes are as small as the smallest."""
-    steps = np.abs(np.diff(known))
-    steps = steps[steps != 0.0]
-    return np.count_nonzero(steps < 1.5 * steps.min(initial=np.inf)) > 0.5 * steps.size
-
-
-def _with_repeats(numbers: NDArray[np.int64], rhythm: float) -> NDArray[np.int64]:
-    """Row numbers with those between that the rhythm gives."""
-    times = np.maximum(np.rint(np.diff(numbers) / rhythm), 1.0).astype(np.int64)
-    first = np.repeat(np.cumsum(times) - times, times)
-    place = np.arange(first.size) - first
-    return np.append(np.repeat(numbers[:-1], times) + np.rint(place * rhythm).astype(np.int64), numbers[-1])
+    moved = np.abs(steps[steps != 0.0])
+    return np.count_nonzero(moved < 1.5 * moved.min(initial=np.inf)) > 0.5 * moved.size
 
 
 def _rhythm(numbers: NDArray[np.int64]) -> float | None:
@@ -176,16 +159,15 @@ def on_common_rows(
     """
     if time.size < LEAST_CHANGES:
         return None
-    share = {c: np.count_nonzero(np.isfinite(columns[c])) / time.size for c in needed if c in columns}
-    share = {c: s for c, s in share.items() if s > 0.0}
+    there = {c: np.isfinite(columns[c]) for c in needed if c in columns}
+    share = {c: np.count_nonzero(rows) / time.size for c, rows in there.items() if rows.any()}
     if min(share.values(), default=1.0) > _SLOWER:
         return None
-    there = {c: np.isfinite(columns[c]) for c in share}
-    together = float(np.logical_and.reduce(list(there.values())).mean())
+    masks = [there[c] for c in share]
     slowest = min(share, key=lambda c: share[c])
-    if share[slowest] <= _SLOWER and together <= MEETING * share[slowest]:
+    if np.logical_and.reduce(masks).mean() <= MEETING * share[slowest]:
         return np.flatnonzero(there[slowest])
-    some = np.logical_or.reduce(list(there.values()))
+    some = np.logical_or.reduce(masks)
     return np.flatnonzero(some) if some.mean() <= _SLOWER else None
 
 
@@ -216,8 +198,7 @@ def own_period(time: Column, values: Column, period: float) -> float | None:
     known = np.isfinite(values)
     if values.size < LEAST_CHANGES or not 2 <= np.count_nonzero(known) <= _SLOWER * values.size:
         return None
-    there = np.flatnonzero(known)
-    steps = np.diff(sample_numbers(time[there], period))
+    steps = np.diff(sample_numbers(time[known], period))
     usual = float(np.median(steps))
     regular = float((np.abs(steps - usual) <= 1.0).mean())
     return usual * period if usual >= 2.0 and regular >= 0.9 else None

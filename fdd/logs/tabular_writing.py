@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from fdd.errors import InputError
 from fdd.files import whole_file
-from fdd.logs.mcap_runs import RunBlock, require_axis
+from fdd.logs.mcap_writing import RunBlock, require_axis
 from fdd.samples import Samples
 
 GROUP_ROWS = 100_000
@@ -111,7 +111,7 @@ def axis_file(path: str | Path, axis: str, axes: Sequence[str]) -> Path:
 
 
 def write_table_blocks(path: str | Path, blocks: Iterable[RunBlock], *, axes: Sequence[str]) -> list[Path]:
-    """Write the measurements of a run from an iterator of blocks, a file for each axis.
+    """Write the measurements of a run from an iterator of blocks, a file for each axis; gives the files.
 
     The files appear once all of them are whole. Truth and metadata have no place in a table.
 
@@ -119,10 +119,6 @@ def write_table_blocks(path: str | Path, blocks: Iterable[RunBlock], *, axes: Se
     ----------
     path : the file, or the name that each axis's is made of (see `axis_file`); csv or parquet by its suffix.
     blocks : in time order for each axis. axes : names of all of them.
-
-    Returns
-    -------
-    The files.
     """
     paths = {axis: axis_file(path, axis, axes) for axis in axes}
     with ExitStack() as stack:

@@ -13,7 +13,7 @@ from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.logs.quality import check_magnitudes
-from fdd.logs.wire.json_messages import objects_at_once
+from fdd.logs.wire.messages import objects_at_once
 from fdd.monitor.mapping import all_numbers, channels_in_si, column_of_rows, keys_of, stream_sources
 from fdd.monitor.stream_clock import Gaps, StreamClock
 from fdd.samples import Samples

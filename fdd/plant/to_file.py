@@ -11,7 +11,7 @@ from fdd.files import require_writable
 from fdd.progress import Advance
 
 if TYPE_CHECKING:
-    from fdd.logs.mcap_runs import RunBlock
+    from fdd.logs.mcap_writing import RunBlock
     from fdd.plant.scenario import Scenario
     from fdd.unit import Unit
 
@@ -66,7 +66,7 @@ def write_simulation(
     if table:
         write_table_blocks(path, blocks, axes=axes)
         return
-    from fdd.logs.mcap_runs import write_blocks
+    from fdd.logs.mcap_writing import write_blocks
 
     write_blocks(
         path,
@@ -83,7 +83,7 @@ def _blocks(
 ) -> Iterator[RunBlock]:
     """The run's blocks as a log takes them."""
     # Its compiled code takes a second to load: not before everything is known to be right.
-    from fdd.logs.mcap_runs import RunBlock
+    from fdd.logs.mcap_writing import RunBlock
     from fdd.plant.simulate import BLOCK, stream
 
     for k, parts in enumerate(stream(unit, scenario, partner=partner)):

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fdd.logs.formats import open_log
-from fdd.logs.mcap_runs import RunBlock, write_blocks
+from fdd.logs.mcap_writing import RunBlock, write_blocks
 from fdd.logs.tabular_writing import table_file
 from fdd.plant.simulate import stream
 from reports.plant.cases import Cases

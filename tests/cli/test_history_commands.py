@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 from rich.console import Console
 
 from fdd.cli.tables import print_sheet
-from fdd.logs.mcap_runs import RunBlock, write_blocks
+from fdd.logs.mcap_writing import RunBlock, write_blocks
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.report.sheet import Sheet, Table

@@ -49,17 +49,10 @@ def test_an_open_question_is_told_and_nothing_written(run, foreign: Path, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ("pressur=:kPa", "did you mean 'pressure"),
-        ("position=x", "no column 'x'"),
-        ("position=:bar", "measures"),
-        ("pressure_1=p1*0.1", "a scale without a unit"),
-    ],
+    ("given", "said"), [("pressur=:kPa", "did you mean 'pressure"), ("position=x", "no column 'x'")]
 )
-def test_wrong_answers_are_told(run, foreign: Path, tmp_path: Path, given: str, said: str) -> None:
-    result = run("map", foreign, "-o", tmp_path / "map.yaml", "--yes", "--set", given)
-    assert result.exit_code == 2 and said in result.stderr and len(result.stderr.splitlines()) == 1
+def test_wrong_answers_are_told(run, one_line, foreign: Path, tmp_path: Path, given: str, said: str) -> None:
+    one_line(run("map", foreign, "-o", tmp_path / "map.yaml", "--yes", "--set", given), said)
 
 
 def test_inspect_shows_every_signal(run, logs, foreign: Path) -> None:

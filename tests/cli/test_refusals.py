@@ -15,43 +15,13 @@ import pytest
 MAIN = [sys.executable, "-c", "from fdd.cli import main; main()"]
 
 
-@pytest.fixture(scope="module")
-def table(logs) -> pd.DataFrame:
-    return pd.read_csv(logs["csv"])
-
-
-def _csv(path: Path, table: pd.DataFrame) -> Path:
-    table.to_csv(path, index=False)
-    return path
-
-
-def _bad_log(kind: str, folder: Path, table: pd.DataFrame) -> Path:
-    path = folder / ("bad.mcap" if kind == "wrong magic" else "bad.csv")
-    if kind == "wrong magic":
-        path.write_bytes(b"not an MCAP file" * 100)
-    elif kind == "no position":
-        _csv(path, table.drop(columns="position"))
-    elif kind == "bar":
-        pressures = [c for c in table if c.startswith("pressure")]
-        _csv(path, table.assign(**{c: table[c] / 1e5 for c in pressures}))
-    elif kind == "one second":
-        _csv(path, table.iloc[:1000])
-    return path
-
-
 @pytest.mark.parametrize(
-    ("kind", "words"),
-    [
-        ("missing", ["no such file"]),
-        ("wrong magic", ["not an MCAP file"]),
-        ("no position", ["missing channels: position"]),
-        ("bar", ["look like bar", "--map"]),
-        ("one second", ["too short"]),
-    ],
+    ("kind", "words"), [("missing", ["no such file"]), ("no position", ["missing channels: position"])]
 )
-def test_a_bad_log_is_refused(run, one_line, table, tiny_model_file, tmp_path, kind, words) -> None:
-    path = _bad_log(kind, tmp_path, table)
-    out = tmp_path / "out"
+def test_a_bad_log_is_refused(run, one_line, logs, tiny_model_file, tmp_path, kind, words) -> None:
+    path, out = tmp_path / "bad.csv", tmp_path / "out"
+    if kind == "no position":
+        pd.read_csv(logs["csv"]).drop(columns="position").to_csv(path, index=False)
     out.mkdir()
     outputs = ["--json", out / "a.json", "--report", out / "r.html", "--mcap", out / "a.mcap"]
     result = run("diagnose", path, "--model", tiny_model_file, *outputs)
@@ -64,9 +34,7 @@ def test_a_bad_log_is_refused(run, one_line, table, tiny_model_file, tmp_path, k
     ("text", "words"),
     [
         ("time: {column: time}\nposition: {column: nowhere}\n", ["nowhere"]),
-        ("position: {column: position, unit: bar}\n", ["map.yaml", "'bar' measures pressure, not length"]),
-        ("chanels: {position: {column: position}}\n", ["did you mean 'channels'?"]),
-        ("{", ["not valid YAML"]),
+        ("chanels: {position: {column: position}}\n", ["map.yaml", "did you mean 'channels'?"]),
     ],
 )
 def test_a_bad_map_is_refused(run, one_line, logs, tiny_model_file, tmp_path, text, words) -> None:

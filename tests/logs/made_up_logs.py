@@ -16,7 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from fdd.errors import InputError
 from fdd.logs import Log, read_log
-from fdd.logs.mcap_runs import RunBlock
+from fdd.logs.mcap_writing import RunBlock
 from fdd.samples import Samples
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from fdd.errors import InputError
 from fdd.logs import read_log
-from fdd.logs.formats import Format, LogFile, Signal, added, open_log, registry, suffixes
+from fdd.logs.formats import Format, LogFile, Signal, open_log, registry, suffixes
 from fdd.packages import LOG_FORMATS, Addition
 
 ROWS = 4000
@@ -48,7 +48,7 @@ def add(monkeypatch: pytest.MonkeyPatch) -> Iterator[Add]:
     def given(opener: Any, sniff: Any = lambda head: head.startswith(b"OWN"), name: str = "own") -> None:
         entry = opener if isinstance(opener, str) else Format("own", (".own", ".txt"), sniff, opener)
         point = SimpleNamespace(load=lambda: entry, group=LOG_FORMATS, value="made_up:FORMAT")
-        monkeypatch.setattr(added, "additions", lambda group: [Addition(name, "made-up 1.0", point)])
+        monkeypatch.setattr(registry, "additions", lambda group: [Addition(name, "made-up 1.0", point)])
         registry._formats.cache_clear()
 
     yield given
@@ -75,7 +75,7 @@ def test_ours_come_first_and_text_last(add: Add, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="Parquet"):
         open_log(tmp_path / "a.parquet")
     (tmp_path / "a.csv").write_text("time,position\n0,1\n1,2\n", "utf-8")
-    assert isinstance(open_log(tmp_path / "a.csv"), added.CheckedLog)
+    assert isinstance(open_log(tmp_path / "a.csv"), registry.CheckedLog)
 
 
 def test_text_of_its_suffix_is_not_its_own_where_the_suffix_is_ours_too(add: Add, tmp_path: Path) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fdd.logs.angles import accumulate_speed, directed, sample_numbers, unwrap_counts
+from fdd.logs.conversion import accumulate_speed, directed, unwrap_counts
+from fdd.logs.quality import sample_numbers
 
 
 @given(st.lists(st.integers(-2047, 2047), min_size=1, max_size=50), st.sets(st.integers(0, 49)))

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from made_up_logs import messages, strokes
 from mcap.reader import make_reader
 
@@ -25,14 +26,8 @@ ANSWER = json.dumps(
 )  # fmt: skip
 
 
-class Gap:
-    """Equal to NaN, which is what stands where there is no value."""
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, float) and np.isnan(other)
-
-
-GAP = Gap()
+GAP = pytest.approx(np.nan, nan_ok=True)
+"""What stands where there is no value."""
 
 
 def test_everything_of_a_diagnosis_is_there(tmp_path: Path) -> None:

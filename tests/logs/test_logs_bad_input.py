@@ -12,8 +12,7 @@ import pytest
 from made_up_logs import mcap_of, refused, refused_log, strokes
 
 from fdd.logs import ChannelMap, read_log
-from fdd.logs.mcap_runs import RunBlock, write_blocks
-from fdd.logs.mcap_writing import write_annotated, write_run
+from fdd.logs.mcap_writing import RunBlock, write_annotated, write_blocks, write_run
 from fdd.logs.tabular_writing import write_csv, write_parquet
 
 Frame = pd.DataFrame

@@ -140,27 +140,6 @@ def test_time_of_day_in_a_table_counts_from_the_start(tmp_path: Path) -> None:
     assert "the clock starts at 1700000000.000 s" in " ".join(log.quality.notes)
 
 
-def test_header_with_spaces_units_and_another_encoding(tmp_path: Path) -> None:
-    samples = strokes(3000)
-    names = {"time": ' "t [s]"', "position": " Weg [µm] ", "pump_angle": "Winkel [°]"}
-    lines = [";".join([*names.values(), "dp", ""])]
-    angle = np.degrees(samples["pump_angle"])
-    for row in zip(samples.time, samples["position"] * 1e6, angle, samples["pressure_1"], strict=True):
-        lines.append(";".join(f"{v!r}".replace(".", ",") for v in map(float, row)) + ";")
-    (tmp_path / "a.csv").write_bytes("\n".join(["Prüfstand 3", *lines]).encode("latin-1"))
-    channel_map = ChannelMap.from_yaml(
-        "csv: {skip_rows: 1}\n"
-        "channels:\n"
-        "  time: {column: 't [s]'}\n"
-        "  position: {column: 'Weg [µm]', unit: um}\n"
-        "  pump_angle: {column: 'Winkel [°]', unit: deg}\n"
-        "  pressure_difference: {column: dp}\n"
-    )
-    read = read_log(tmp_path / "a.csv", channel_map).samples
-    np.testing.assert_allclose(read["position"], samples["position"], rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(read["pump_angle"], samples["pump_angle"], rtol=1e-12, atol=1e-15)
-
-
 def test_a_delay_is_taken_out(tmp_path: Path) -> None:
     samples = strokes(3000)
     late = np.interp(samples.time - 0.005, samples.time, samples["position"])

@@ -127,13 +127,8 @@ WRITERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "Feather": ("i.feather", lambda p: frame().to_feather(p)),
     "Parquet": ("j.parquet", lambda p: frame().to_parquet(p)),
     "Excel": ("k.xlsx", lambda p: frame().to_excel(p, index=False)),
-    "Excel, second sheet, titles": (
-        "l.xlsx",
-        lambda p: _two_sheets(p),
-    ),
+    "Excel, second sheet, titles": ("l.xlsx", lambda p: _two_sheets(p)),
     "CSV, gzip": ("m.csv.gz", lambda p: frame().to_csv(p, index=False)),
-    "CSV, semicolons": ("n.txt", lambda p: frame().to_csv(p, index=False, sep=";", decimal=",")),
-    "CSV, tabs, UTF-16": ("o.tsv", lambda p: frame().to_csv(p, index=False, sep="\t", encoding="utf-16")),
 }
 
 

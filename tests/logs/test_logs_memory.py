@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from made_up_logs import strokes
 
-from fdd.logs.mcap_runs import write_run
+from fdd.logs.mcap_writing import write_run
 from fdd.logs.tabular_writing import write_parquet
 from fdd.samples import Samples
 

@@ -16,8 +16,7 @@ from made_up_logs import ROWS, A, B, assert_same, parts, refused, strokes
 from pyarrow import parquet
 
 from fdd.logs import read_log, tabular_writing
-from fdd.logs.mcap_runs import RunBlock, write_blocks
-from fdd.logs.mcap_writing import write_run
+from fdd.logs.mcap_writing import RunBlock, write_blocks, write_run
 from fdd.logs.tabular_writing import table_file, write_csv, write_parquet, write_table_blocks
 from fdd.samples import Samples
 
@@ -77,17 +76,6 @@ def test_pandas_reads_what_we_write(tmp_path: Path) -> None:
     ):
         for name in samples.channels:
             np.testing.assert_array_equal(frame[name].to_numpy(), samples[name])
-
-
-def test_we_read_what_pandas_writes(tmp_path: Path) -> None:
-    samples = strokes()
-    frame = pd.DataFrame({"time": samples.time, **samples.columns})
-    frame.to_csv(tmp_path / "a.csv", index=False)
-    frame.to_csv(tmp_path / "b.csv", index=False, sep=";", decimal=",", encoding="utf-8-sig")
-    frame.to_csv(tmp_path / "c.csv", index=False, sep="\t", encoding="utf-16")
-    frame.to_parquet(tmp_path / "a.parquet", index=False)
-    for name in ("a.csv", "b.csv", "c.csv", "a.parquet"):
-        assert_same(read_log(tmp_path / name), samples)
 
 
 def test_an_mcap_log_comes_with_its_axis_time_and_metadata(tmp_path: Path) -> None:

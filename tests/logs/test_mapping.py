@@ -20,7 +20,6 @@ from fdd.logs.formats import open_log
 from fdd.logs.formats.signals import Signal
 from fdd.logs.mapping import Words, given_of, propose
 from fdd.logs.mapping.concepts import name_scores
-from fdd.logs.mapping.writing import map_text
 from fdd.measures import Measure, find_measure
 from fdd.samples import CHANNELS, Samples
 
@@ -68,7 +67,7 @@ def test_every_channel_is_found_and_nothing_else(rig: str, log: Samples, tmp_pat
     if RIGS[rig]["form"] == "{}":  # units are asked for
         return
     assert not found.questions
-    read = read_log(path, ChannelMap.from_yaml(map_text(found, "rig", "axis_x", "log.csv"))).samples
+    read = read_log(path, ChannelMap.from_yaml(found.map_text("rig", "axis_x", "log.csv"))).samples
     for channel in names.keys() - {"time"}:
         # A demand in volts is scaled by what the pump does.
         share = 0.02 if channel == "command" else 1e-6

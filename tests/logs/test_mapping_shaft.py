@@ -13,8 +13,7 @@ from fdd.logs import read_log
 from fdd.logs.channel_map import ChannelMap
 from fdd.logs.formats import open_log
 from fdd.logs.mapping import given_of, propose
-from fdd.logs.mapping.shaft import counts_a_turn
-from fdd.logs.mapping.writing import map_text
+from fdd.logs.mapping.behaviour import counts_a_turn
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
@@ -86,7 +85,7 @@ def test_counts_without_names_are_read_but_for_their_scales(rig: str, one_way: b
     of_shaft = {"command", "pump_angle", "pump_speed"}
     columns = {c: r.source.column for c, r in found.rows.items() if c != "time"}
     assert columns == {c: names[c] for c in (*of_shaft, "position", "position_setpoint", *PORTS)}
-    read = read_log(path, ChannelMap.from_yaml(map_text(found, "rig", None, "log.csv"))).samples
+    read = read_log(path, ChannelMap.from_yaml(found.map_text("rig", None, "log.csv"))).samples
     # Of the angle a count is lost or won at a reversal.
     count = {
         "pump_angle": 0.05,

@@ -2,7 +2,7 @@
 
 The cases are made here by the project's Python writer: nothing, an attachment, metadata, one message with and
 without a schema, ten messages; each in chunks or not, with and without message indexes, repeated channels and
-schemas, statistics, summary offsets and checksums, in all compressions, with padded and unknown records.
+schemas, statistics, summary offsets and checksums, compressions in turn, with padded and unknown records.
 """
 
 from __future__ import annotations
@@ -76,19 +76,17 @@ def test_all_options_are_read(content: str, padded: bool, tmp_path: Path) -> Non
         for k, flags in enumerate(itertools.product((False, True), repeat=len(OPTIONS) + 1)):
             how = dict(zip(OPTIONS, flags, strict=False))
             index = IndexType.ALL if flags[-1] else IndexType.NONE
-            crcs = {"enable_crcs": k % 2 == 0, "enable_data_crcs": k % 3 == 0}
-            for _ in range(3 if how["use_chunking"] else 1):
-                case(path, content, {**how, **crcs, "index_types": index, "compression": next(compressions)})
-                told = open_log(path)
-                count = CONTENTS[content]
-                assert list(told.signals) == (["/daq.x"] if count else []), how
-                assert told.metadata == ({"m": {"foo": "bar"}} if content == "metadata" else {}), how
-                if count:
-                    np.testing.assert_array_equal(told.read(["/daq.x"])["/daq.x"], 0.5 * np.arange(count))
-                    stamps = told.stamps("/daq")
-                    assert stamps is not None
-                    np.testing.assert_allclose(stamps, 1e-8 * np.arange(count))
-                assert not told.truncated and not getattr(told, "damaged", 0), how
+            crcs = {"enable_crcs": k % 2 == 0, "enable_data_crcs": k % 5 == 0}
+            case(path, content, {**how, **crcs, "index_types": index, "compression": next(compressions)})
+            told, count = open_log(path), CONTENTS[content]
+            assert list(told.signals) == (["/daq.x"] if count else []), how
+            assert told.metadata == ({"m": {"foo": "bar"}} if content == "metadata" else {}), how
+            if count:
+                np.testing.assert_array_equal(told.read(["/daq.x"])["/daq.x"], 0.5 * np.arange(count))
+                stamps = told.stamps("/daq")
+                assert stamps is not None
+                np.testing.assert_allclose(stamps, 1e-8 * np.arange(count))
+            assert not told.truncated and not getattr(told, "damaged", 0), how
 
 
 EMPTY = b"uint8 BEFORE=1  # a constant alone is no field\n"

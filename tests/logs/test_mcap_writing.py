@@ -19,7 +19,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from fdd.logs import mcap_chunks
 from fdd.logs.mcap_chunks import mcap_file
-from fdd.logs.mcap_runs import RunBlock, write_blocks, write_run
+from fdd.logs.mcap_writing import RunBlock, write_blocks, write_run
 from fdd.samples import CHANNELS, Samples
 
 cuts = st.lists(st.integers(0, ROWS), max_size=8)

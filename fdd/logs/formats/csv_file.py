@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,43 +17,22 @@ from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
 from fdd.logs.formats.dates import stamp_kind, stamps_to_seconds
 from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size
-from fdd.logs.formats.text_layout import (
-    MISSING,
-    Layout,
-    decoded,
-    find_layout,
-    head_of,
-    is_number,
-)
+from fdd.logs.formats.text_layout import MISSING, Layout, decoded, find_layout, head_of, is_number
 from fdd.samples import Column
-
-if TYPE_CHECKING:
-    import pyarrow
-
 
 _MARKS = ",.' \u00a0\u202f"
 """Between thousands."""
 
 
-class _Bounded:
-    """A stream that says so when more comes out of a packed file than is read."""
+class _Bounded(gzip.GzipFile):
+    """A packed file that says so when more comes out of it than is read."""
 
-    def __init__(self, stream: IO[bytes], path: Path) -> None:
-        self._stream, self._path, self._given = stream, path, 0
-        self._most = limit("MAX_LOG_BYTES")
-        self.closed = False
-
-    def read(self, size: int = -1) -> bytes:
-        data = self._stream.read(size)
-        self._given += len(data)
-        if self._given > self._most:
-            mend = f"split the log, {raised('MAX_LOG_BYTES', 2 * self._most)}"
-            raise InputError(f"more than {self._most} bytes when unpacked", where=self._path, mend=mend)
+    def read(self, size: int | None = -1) -> bytes:
+        data, most = super().read(size), limit("MAX_LOG_BYTES")
+        if self.tell() > most:
+            mend = f"split the log, {raised('MAX_LOG_BYTES', 2 * most)}"
+            raise InputError(f"more than {most} bytes when unpacked", where=str(self.name), mend=mend)
         return data
-
-    def close(self) -> None:
-        self._stream.close()
-        self.closed = True
 
 
 @dataclass
@@ -61,15 +42,16 @@ class CsvFile(LogFile):
     Attributes
     ----------
     layout, encoding : of the text. packed : by gzip.
-    keys : the columns in the order of the file; a name that stands twice has its number behind it.
+    cells : the columns in the order of the file, each with its first cell; a name that stands twice has its
+        number behind it.
     dated : name of a joint column to those of its date and clock.
     """
 
     layout: Layout = field(kw_only=True)
     encoding: str = "utf-8"
     packed: bool = False
-    keys: list[str] = field(default_factory=list)
-    dated: dict[str, tuple[str, str]] = field(default_factory=dict)
+    cells: dict[str, str] = field(default_factory=dict)
+    dated: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def place(self, row: int) -> str:
         """The line of row `row`."""
@@ -79,10 +61,10 @@ class CsvFile(LogFile):
         """See `LogFile.read`: a cell that is no number is named by line and column."""
         import pyarrow as pa
 
-        wanted = list(dict.fromkeys(names))
-        stamped = {n for n in wanted if n in self.dated or stamp_kind(self._first(n))}
-        columns = list(dict.fromkeys(c for n in wanted for c in self.dated.get(n, (n,))))
-        texts = {c for n in stamped for c in self.dated.get(n, (n,))}
+        parts = {name: self.dated.get(name, (name,)) for name in names}
+        stamped = {n for n in parts if n in self.dated or stamp_kind(self.cells[n])}
+        columns = list(dict.fromkeys(c for of in parts.values() for c in of))
+        texts = {c for n in stamped for c in parts[n]}
         try:
             try:
                 table = self._parsed(columns, texts)
@@ -95,19 +77,16 @@ class CsvFile(LogFile):
             raise InputError("no rows below the header", where=self.path, mend="record at least 5 s")
         require_size(table.num_rows, len(columns), self.path)
         out: dict[str, Column] = {}
-        for name in wanted:
+        for name, of in parts.items():
             if name in stamped:
-                out[name] = self._dates(table, name)
+                out[name] = self._dates([table.column(c).to_pylist() for c in of], name)
             elif name in texts:
                 out[name] = self._cleaned(table.column(name), name)
             else:
                 out[name] = doubles(table.column(name))
         return out
 
-    def _first(self, name: str) -> str:
-        return dict(zip(self.keys, self.layout.first_row, strict=False)).get(name, "")
-
-    def _parsed(self, columns: list[str], texts: set[str]) -> pyarrow.Table:
+    def _parsed(self, columns: list[str], texts: set[str]) -> Any:
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
 
@@ -117,14 +96,12 @@ class CsvFile(LogFile):
             odd.append(row)
             return "skip" if len(odd) <= 1 else "error"
 
+        packed: Any = _Bounded(self.path, "rb") if self.packed else None
         table = arrow_csv.read_csv(
-            self._stream() if self.packed else self.path,
+            pa.PythonFile(packed, mode="r") if self.packed else self.path,
             read_options=arrow_csv.ReadOptions(
-                column_names=self.keys,
-                skip_rows=self.layout.first_line,
-                encoding=self.encoding,
-                use_threads=False,
-                block_size=4 << 20,
+                column_names=list(self.cells), skip_rows=self.layout.first_line, encoding=self.encoding,
+                use_threads=False, block_size=4 << 20,
             ),
             parse_options=arrow_csv.ParseOptions(
                 delimiter=self.layout.separator, invalid_row_handler=count_odd
@@ -132,11 +109,9 @@ class CsvFile(LogFile):
             convert_options=arrow_csv.ConvertOptions(
                 include_columns=columns,
                 column_types={c: pa.string() if c in texts else pa.float64() for c in columns},
-                null_values=list(MISSING),
-                strings_can_be_null=True,
-                decimal_point=self.layout.decimal,
+                null_values=list(MISSING), strings_can_be_null=True, decimal_point=self.layout.decimal,
             ),
-        )
+        )  # fmt: skip
         if odd:
             # One odd row is forgiven where it is the last: the logger was cut off while it wrote.
             row = odd[0]
@@ -145,25 +120,16 @@ class CsvFile(LogFile):
                 problem, mend = f"line {row.number}: {counts}", "repair or remove that line"
                 raise InputError(problem, where=self.path, mend=mend)
             note = f"the last line is incomplete and was left out (line {row.number})"
-            if note not in self.notes:
-                self.notes.append(note)
+            self.notes += [note] if note not in self.notes else []
         return table
 
-    def _stream(self) -> Any:
-        import gzip
-
-        import pyarrow as pa
-
-        return pa.PythonFile(_Bounded(gzip.open(self.path, "rb"), self.path), mode="r")  # type: ignore[arg-type]
-
-    def _dates(self, table: pyarrow.Table, name: str) -> Column:
-        parts = [table.column(c).to_pylist() for c in self.dated.get(name, (name,))]
-        texts = [None if None in cells else " ".join(cells) for cells in zip(*parts, strict=True)]
+    def _dates(self, parts: list[list[str | None]], name: str) -> Column:
+        """Stamps of the texts of a column, or of its date and clock."""
+        texts = [None if None in cells else " ".join(map(str, cells)) for cells in zip(*parts, strict=True)]
         seconds, start, notes = stamps_to_seconds(texts)
-        odd = np.flatnonzero(np.isnan(seconds))
-        for row in odd[:1]:
-            if texts[row]:
-                raise self._no_number(int(row), name, str(texts[row]), "write all stamps alike")
+        row = int(np.isnan(seconds).argmax()) if np.isnan(seconds).any() else -1
+        if row >= 0 and texts[row]:
+            raise self._no_number(row, name, str(texts[row]), "write all stamps alike")
         self.start_ns = self.start_ns or start
         self.notes += [n for n in notes if n not in self.notes]
         return seconds
@@ -218,13 +184,10 @@ def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
     require_size(0, len(names), path)
     doubled = {n for n in names if names.count(n) > 1}
     keys = [n if n not in doubled else f"{n}\0{k}" for k, n in enumerate(names)]
-    signals = {
-        key: Signal(key, unit=unit or None)
-        for key, name, unit in zip(keys, names, found.units, strict=True)
-        if name and name not in doubled
-    }
-    log = CsvFile(path, signals, doubled=doubled, layout=found, encoding=encoding, packed=packed, keys=keys)
-    cells = dict(zip(keys, found.first_row, strict=False))
+    cells = dict(zip_longest(keys, found.first_row[: len(keys)], fillvalue=""))
+    units = zip(keys, names, found.units, strict=True)
+    signals = {k: Signal(k, unit=u or None) for k, n, u in units if n and n not in doubled}
+    log = CsvFile(path, signals, doubled=doubled, layout=found, encoding=encoding, packed=packed, cells=cells)
     days, clocks = ([k for k, c in cells.items() if stamp_kind(c) == kind] for kind in ("day", "clock"))
     if len(days) == 1 and len(clocks) == 1:  # they make one column of stamps
         name = f"{days[0]} {clocks[0]}"
@@ -234,14 +197,12 @@ def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
 
 
 def _no_table(lines: list[str], layout: CsvLayout, path: Path) -> InputError:
-    filled = [(k, line) for k, line in enumerate(lines[layout.skip_rows :], layout.skip_rows) if line.strip()]
-    filled = [(k, line) for k, line in filled if not line.lstrip().startswith("#")]
-    if not filled:
-        return InputError("no header row", where=path, mend="the first row must name the columns")
-    at, line = filled[0]
-    first = line.split(layout.delimiter or ";" if ";" in line else ",")
-    if all(is_number(c) for c in first):
-        problem = f"line {at + 1}: no header row, it starts with numbers ({line[:40].strip()})"
-        return InputError(problem, where=path, mend="put the column names into the first line")
-    problem = "no rows of numbers below a header"
-    return InputError(problem, where=path, mend="give a table with names in one row")
+    for at, line in enumerate(lines[layout.skip_rows :], layout.skip_rows + 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if all(is_number(c) for c in line.split(layout.delimiter or ";" if ";" in line else ",")):
+            problem = f"line {at}: no header row, it starts with numbers ({line[:40].strip()})"
+            return InputError(problem, where=path, mend="put the column names into the first line")
+        problem = "no rows of numbers below a header"
+        return InputError(problem, where=path, mend="give a table with names in one row")
+    return InputError("no header row", where=path, mend="the first row must name the columns")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import zipfile
 from datetime import date, datetime, time, timedelta
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from fdd.bounds import HEAD_ROWS, MAX_CELLS, MAX_WORKBOOK_BYTES, MAX_WORKBOOK_UN
 from fdd.errors import InputError
 from fdd.logs.formats.signals import damaged, require_size
 from fdd.logs.formats.text_layout import find_table, is_number
-from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 _PLACE = re.compile(rb"""\br\s*=\s*["']([A-Za-z]{0,4})(\d{0,9})["']""")
 """Where a cell or row stands."""
@@ -50,16 +50,16 @@ def open_excel(path: Path) -> TreeFile:
         problem = "no sheet has a row of names above rows of numbers"
         raise InputError(problem, where=path, mend="put the names into one row")
     alone = len(tables) == 1
-    return tree_file(path, {"" if alone else name: leaves for name, leaves in tables.items()})
+    return tree_file(path, {"" if alone else name: Group(leaves) for name, leaves in tables.items()})
 
 
 def _require_bounded(path: Path) -> None:
     """Refuse what would take all memory: the library lays a sheet out in full up to its last cell."""
+    left = MAX_WORKBOOK_UNPACKED
     with zipfile.ZipFile(path) as archive:
-        left = MAX_WORKBOOK_UNPACKED
         for entry in archive.infolist():
+            rows, columns, tail = 0, 0, b""
             with archive.open(entry) as part:
-                rows, columns, tail = 0, 0, b""
                 while block := part.read(1 << 20):
                     left -= len(block)
                     if left < 0:
@@ -69,19 +69,13 @@ def _require_bounded(path: Path) -> None:
                         continue
                     for letters, digits in _PLACE.findall(tail + block):
                         rows = max(rows, int(digits or 0))
-                        columns = max(columns, _column_number(letters))
+                        number = reduce(lambda n, letter: 26 * n + letter - 64, letters.upper(), 0)
+                        columns = max(columns, number)
                     tail = block[-40:]
-                if rows * columns > MAX_CELLS:
-                    size = f"a sheet of {rows} rows and {columns} columns"
-                    problem = f"{size}, at most {MAX_CELLS} cells are read"
-                    raise InputError(problem, where=path, mend="remove stray cells, or save it as CSV")
-
-
-def _column_number(letters: bytes) -> int:
-    number = 0
-    for letter in letters.upper():
-        number = 26 * number + letter - 64
-    return number
+            if rows * columns > MAX_CELLS:
+                size = f"a sheet of {rows} rows and {columns} columns"
+                problem = f"{size}, at most {MAX_CELLS} cells are read"
+                raise InputError(problem, where=path, mend="remove stray cells, or save it as CSV")
 
 
 def _table(path: Path, rows: list[list[Any]]) -> dict[str, Leaf] | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fdd.bounds import MOST_MATRIX_COLUMNS
 from fdd.errors import InputError
 from fdd.logs.formats.signals import readable, require_stored, unit_among
-from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 _UNITS = ("unit", "units")
 _NUMBERS = "fiub"
@@ -32,41 +32,26 @@ def open_hdf5(path: Path) -> TreeFile:
     import h5py
 
     check_hdf5(path)
-    groups: dict[str, dict[str, Leaf]] = {}
-    scalars: dict[str, dict[str, float]] = {}
-    with readable("damaged HDF5 file", path), h5py.File(path) as file:
-        for group, own in [("", file), *_groups(file)]:
-            for key, value in own.attrs.items():
-                if np.ndim(value) == 0 and isinstance(value, int | float | np.number):
-                    scalars.setdefault(group, {})[key] = float(value)
-            _take_group(path, group, own, groups, scalars)
-    return tree_file(path, groups, scalars)
-
-
-def _groups(file: Any) -> list[tuple[str, Any]]:
-    import h5py
-
-    found: list[tuple[str, Any]] = []
+    nodes: dict[str, Any] = {}
 
     def take(name: str, node: Any) -> None:
         if isinstance(node, h5py.Group) and not name.startswith("#"):  # MATLAB keeps those for itself
-            found.append((name, node))
+            nodes[name] = node
 
-    file.visititems(take)  # follows neither soft nor external links
-    return found
+    with readable("damaged HDF5 file", path), h5py.File(path) as file:
+        take("", file)
+        file.visititems(take)  # follows neither soft nor external links
+        groups = {name: _group(path, node) for name, node in nodes.items()}
+    return tree_file(path, groups)
 
 
-def _take_group(
-    path: Path,
-    group: str,
-    own: Any,
-    groups: dict[str, dict[str, Leaf]],
-    scalars: dict[str, dict[str, float]],
-) -> None:
+def _group(path: Path, own: Any) -> Group:
     import h5py
 
-    unit = None
-    leaves = groups.setdefault(group, {})
+    found = Group()
+    for key, value in own.attrs.items():
+        if np.ndim(value) == 0 and isinstance(value, int | float | np.number):
+            found.scalars[key] = float(value)
     for name in own:
         if not isinstance(own.get(name, getlink=True), h5py.HardLink):
             continue
@@ -74,31 +59,24 @@ def _take_group(
         if not isinstance(node, h5py.Dataset):
             continue
         if name.lower() in _UNITS and node.dtype.kind == "u" and node.size < 64:
-            unit = "".join(chr(c) for c in node[()].reshape(-1))  # MATLAB's text
+            found.unit = "".join(chr(c) for c in node[()].reshape(-1))  # MATLAB's text
         elif node.size is None:  # no shape at all
             continue
         elif node.size == 1 and node.dtype.kind in _NUMBERS:
-            scalars.setdefault(group, {})[name] = float(node[()].reshape(-1)[0])
-        else:
-            found = _leaves(path, name, node)
-            if found:
-                require_stored(node.size * node.dtype.itemsize, node.id.get_storage_size(), path)
-            leaves.update(found)
-    if unit is not None:
-        for name, leaf in leaves.items():
-            if name.lower() not in ("time", "t"):
-                leaves[name] = Leaf(leaf.size, leaf.load, leaf.unit or unit)
+            found.scalars[name] = float(node[()].reshape(-1)[0])
+        elif leaves := _leaves(path, name, node):
+            require_stored(node.size * node.dtype.itemsize, node.id.get_storage_size(), path)
+            found.leaves.update(leaves)
+    return found
 
 
 def _leaves(path: Path, name: str, node: Any) -> dict[str, Leaf]:
-    full, unit = node.name, unit_among(node.attrs)
-    if node.dtype.names:
-        return {
-            f"{name}/{member}": Leaf(node.size, partial(_load, path, full, member))
-            for member in node.dtype.names
-            if node.dtype[member].kind in _NUMBERS and node.ndim == 1
-        }
-    if node.dtype.kind not in _NUMBERS or node.ndim > 2 or node.ndim == 0:
+    """A vector, the columns of a matrix, or the members of a compound type."""
+    full, unit, kind = node.name, unit_among(node.attrs), node.dtype
+    if kind.names:
+        members = [m for m in kind.names if kind[m].kind in _NUMBERS and node.ndim == 1]
+        return {f"{name}/{m}": Leaf(node.size, partial(_load, path, full, m)) for m in members}
+    if kind.kind not in _NUMBERS or node.ndim not in (1, 2):
         return {}
     rows, columns = max(node.shape), (min(node.shape) if node.ndim == 2 else 1)
     if columns == 1:
@@ -106,10 +84,8 @@ def _leaves(path: Path, name: str, node: Any) -> dict[str, Leaf]:
     if columns > MOST_MATRIX_COLUMNS:
         return {}
     by_row = node.shape[0] == columns  # MATLAB's matrices lie on their side
-    return {
-        f"{name}[{k}]": Leaf(rows, partial(_load, path, full, np.s_[k, :] if by_row else np.s_[:, k]), unit)
-        for k in range(columns)
-    }
+    parts = [np.s_[k, :] if by_row else np.s_[:, k] for k in range(columns)]
+    return {f"{name}[{k}]": Leaf(rows, partial(_load, path, full, p), unit) for k, p in enumerate(parts)}
 
 
 def _load(path: Path, name: str, part: Any) -> NDArray[np.generic]:
@@ -141,11 +117,8 @@ def check_hdf5(path: Path) -> None:
                 file.seek(start + at)
                 found = _end_of_heap(file)
                 if found is None:
-                    raise InputError(
-                        f"damaged HDF5 file (the heap at byte {start + at} has no end)",
-                        where=path,
-                        mend="copy it again",
-                    )
+                    problem = f"damaged HDF5 file (the heap at byte {start + at} has no end)"
+                    raise InputError(problem, where=path, mend="copy it again")
                 end = found
             file.seek(after)
             kept = text[1 - len(_MARK) :]

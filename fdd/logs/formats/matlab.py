@@ -18,7 +18,7 @@ import numpy as np
 from fdd.bounds import DEEPEST_STRUCT, MOST_MATRIX_COLUMNS, MOST_MATRIX_DEPTH, limit
 from fdd.errors import InputError
 from fdd.logs.formats.signals import readable, require_size
-from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 
 def open_matlab(path: Path) -> TreeFile:
@@ -34,30 +34,22 @@ def open_matlab(path: Path) -> TreeFile:
         check_matlab(path)
         require_size(sum(int(np.prod(shape, dtype=np.float64)) for _, shape, _ in whosmat(path)), 1, path)
         content = loadmat(path, simplify_cells=True)
-    groups: dict[str, dict[str, Leaf]] = {}
-    scalars: dict[str, dict[str, float]] = {}
-    _walk({k: v for k, v in content.items() if not k.startswith("__")}, "", groups, scalars, 0)
-    return tree_file(path, groups, scalars)
+    groups: dict[str, Group] = {}
+    _walk({k: v for k, v in content.items() if not k.startswith("__")}, "", groups, 0)
+    return tree_file(path, groups)
 
 
-def _walk(
-    struct: dict[str, Any],
-    group: str,
-    groups: dict[str, dict[str, Leaf]],
-    scalars: dict[str, dict[str, float]],
-    depth: int,
-) -> None:
-    unit = next((v for k, v in struct.items() if k.lower() in ("unit", "units") and isinstance(v, str)), None)
+def _walk(struct: dict[str, Any], path: str, groups: dict[str, Group], depth: int) -> None:
+    units = (v for k, v in struct.items() if k.lower() in ("unit", "units") and isinstance(v, str))
+    own = Group(unit=next(units, None))
     for name, value in struct.items():
         if isinstance(value, dict) and depth < DEEPEST_STRUCT:
-            _walk(value, f"{group}/{name}" if group else name, groups, scalars, depth + 1)
+            _walk(value, f"{path}/{name}" if path else name, groups, depth + 1)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-            for own, column in columns_of(name, value):
-                # A struct's unit is that of its value, not of its time.
-                mine = unit if own.lower() not in ("time", "t") else None
-                groups.setdefault(group, {})[own] = Leaf(column.size, partial(np.asarray, column), mine)
+            for key, column in columns_of(name, value):
+                groups.setdefault(path, own).leaves[key] = Leaf(column.size, partial(np.asarray, column))
         elif isinstance(value, int | float):
-            scalars.setdefault(group, {})[name] = float(value)
+            own.scalars[name] = float(value)
 
 
 def columns_of(name: str, values: np.ndarray) -> list[tuple[str, np.ndarray]]:

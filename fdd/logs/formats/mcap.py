@@ -113,7 +113,7 @@ class McapFile(LogFile):
                 if batch.channel not in decoders:
                     decoders[batch.channel] = decoder_of(channel, walk.schemas.get(channel.schema_id))
                 try:
-                    values = decoders[batch.channel].columns(batch, paths[topic])
+                    values = decoders[batch.channel].columns(batch.payloads, paths[topic])
                 except ValueError as error:
                     raise InputError(f"topic {topic}: {error}", where=self.path) from None
             parts[topic].append(batch.stamps, values)
@@ -195,7 +195,7 @@ def _add_fields(log: McapFile, walk: ChunkWalk, batch: Batch) -> None:
     channel = walk.channels[batch.channel]
     topic = channel.topic
     try:
-        fields = decoder_of(channel, walk.schemas.get(channel.schema_id)).fields(batch)
+        fields = decoder_of(channel, walk.schemas.get(channel.schema_id)).fields(batch.payloads)
     except ValueError as error:
         log.reasons.setdefault(topic, str(error))
         return

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import redirect_stdout, suppress
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.formats.signals import readable, require_stored
-from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 _IN_RECORD = (0, 1, 2, 4, 5)
 """Kinds of an MDF 4 channel that stand in the record; the others (3, 6) are counted."""
@@ -31,24 +31,28 @@ def open_mdf(path: Path) -> TreeFile:
     from asammdf import MDF
 
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # it tells of each oddity on standard error
-    groups: dict[str, dict[str, Leaf]] = {}
-    with readable("damaged MDF file", path), _quiet():
-        with redirect_stdout(StringIO()):  # it prints what it cannot make sense of
-            file = MDF(path)
-        start = file.header.start_time
-        inner: list[Any] = list(file.groups)
-        rates = [int(g.channel_group.cycles_nr) for g in inner]
-        several = sum(r > 1 for r in rates) > 1
-        for number, (group, rows) in enumerate(zip(inner, rates, strict=True)):
-            require_stored(_declared(group, rows), path.stat().st_size, path)
-            master = file.masters_db.get(number)
-            own = groups.setdefault(str(number) if several else "", {})
-            if master is not None:
-                own["time"] = Leaf(rows, _loader(path, file, number, None), "s")
-            for index, channel in enumerate(group.channels):
-                _require_inside(path, group.channel_group, channel)
-                if index != master:
-                    own[channel.name] = Leaf(rows, _loader(path, file, number, index), channel.unit or None)
+    groups: dict[str, Group] = {}
+    with readable("damaged MDF file", path):
+        try:
+            with redirect_stdout(StringIO()):  # it prints what it cannot make sense of
+                file = MDF(path)
+            start, inner = file.header.start_time, list[Any](file.groups)
+            rates = [int(g.channel_group.cycles_nr) for g in inner]
+            several = sum(r > 1 for r in rates) > 1
+            for number, (group, rows) in enumerate(zip(inner, rates, strict=True)):
+                require_stored(_declared(group, rows), path.stat().st_size, path)
+                master = file.masters_db.get(number)
+                own = groups.setdefault(str(number) if several else "", Group()).leaves
+                if master is not None:
+                    own["time"] = Leaf(rows, partial(_load, path, file, number, None), "s")
+                for index, channel in enumerate(group.channels):
+                    _require_inside(path, group.channel_group, channel)
+                    if index != master:
+                        load = partial(_load, path, file, number, index)
+                        own[channel.name] = Leaf(rows, load, channel.unit or None)
+        except Exception:
+            _close_quietly()
+            raise
     found = tree_file(path, groups)
     found.start_ns = int(start.timestamp() * 1e9) if start is not None and start.year > 1970 else 0
     return found
@@ -74,35 +78,25 @@ def _require_inside(path: Path, group: Any, channel: Any) -> None:
         raise InputError(problem, where=path, mend="copy it again")
 
 
-def _loader(path: Path, file: Any, group: int, index: int | None) -> Callable[[], NDArray[Any]]:
-    """Reads a channel, or the group's stamps, of the file that stays open as long as this is held."""
-
-    def load() -> NDArray[Any]:
-        with readable("a channel cannot be read", path):
-            with redirect_stdout(StringIO()):
-                if index is None:
-                    return np.asarray(file.get_master(group))
-                signal = file.get(group=group, index=index)
-            values = np.asarray(signal.samples)
-            if signal.invalidation_bits is not None and values.dtype.kind in "fiub":
-                values = np.where(np.asarray(signal.invalidation_bits), np.nan, values)
-            return values
-
-    return load
+def _load(path: Path, file: Any, group: int, index: int | None) -> NDArray[Any]:
+    """A channel, or the group's stamps, of the file, which stays open as long as this may be called."""
+    with readable("a channel cannot be read", path):
+        with redirect_stdout(StringIO()):
+            if index is None:
+                return np.asarray(file.get_master(group))
+            signal = file.get(group=group, index=index)
+        values = np.asarray(signal.samples)
+        if signal.invalidation_bits is not None and values.dtype.kind in "fiub":
+            values = np.where(np.asarray(signal.invalidation_bits), np.nan, values)
+        return values
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
+def _close_quietly() -> None:
     """Let what is left of a file that broke off while it was opened be thrown away without a word."""
+    from asammdf.blocks import mdf_v3, mdf_v4
 
     def close(half_open: Any) -> None:
         with suppress(Exception):
             half_open.close()
 
-    try:
-        yield
-    except Exception:
-        from asammdf.blocks import mdf_v3, mdf_v4
-
-        mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = close
-        raise
+    mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = close

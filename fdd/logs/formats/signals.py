@@ -139,6 +139,12 @@ def unit_among(attributes: Mapping[Any, Any]) -> str | None:
     return next((text(v) for k, v in attributes.items() if text(k).lower() in ("unit", "units")), None)
 
 
+def system_error(error: OSError, where: Path) -> InputError:
+    """What the system has against reading a file."""
+    brief = " ".join(str(error.strerror or error).split())[:120]
+    return InputError(f"cannot be read ({brief})", where=where)
+
+
 def damaged(what: str, where: Path, error: BaseException, mend: str = "copy it again") -> InputError:
     """The one line of a file that its library cannot read, with the beginning of the library's own words."""
     brief = " ".join(str(error).split())[:120] or type(error).__name__

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fdd.logs.formats.signals import readable, require_stored
-from fdd.logs.formats.trees import Leaf, TreeFile, tree_file
+from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 
 def open_tdms(path: Path) -> TreeFile:
@@ -24,28 +24,24 @@ def open_tdms(path: Path) -> TreeFile:
     from nptdms.log import log_manager
 
     log_manager.set_level(logging.CRITICAL)  # it tells of each oddity on standard error
-    groups: dict[str, dict[str, Leaf]] = {}
-    scalars: dict[str, dict[str, float]] = {}
+    groups: dict[str, Group] = {}
     start: Any = None
     declared = 0
     with readable("damaged TDMS file", path), TdmsFile.read_metadata(path) as file:
-        for group in file.groups():
-            for channel in group.channels():
-                kind = None if channel.dtype is None else np.dtype(channel.dtype).kind
-                if kind not in ("f", "i", "u", "b", "M"):
-                    continue
-                unit = channel.properties.get("unit_string") or channel.properties.get("unit")
-                declared += len(channel) * np.dtype(channel.dtype).itemsize
-                groups.setdefault(group.name, {})[channel.name] = Leaf(
-                    len(channel),
-                    partial(_load, path, group.name, channel.name),
-                    str(unit) if unit else None,
-                )
-                if (step := channel.properties.get("wf_increment")) is not None:
-                    scalars.setdefault(group.name, {})["dt"] = float(step)
-                    start = start or channel.properties.get("wf_start_time")
+        for channel in (channel for group in file.groups() for channel in group.channels()):
+            name, about = channel.group_name, channel.properties
+            if channel.dtype is None or np.dtype(channel.dtype).kind not in "fiubM":
+                continue
+            declared += len(channel) * np.dtype(channel.dtype).itemsize
+            unit = about.get("unit_string") or about.get("unit")
+            load = partial(_load, path, name, channel.name)
+            own = groups.setdefault(name, Group())
+            own.leaves[channel.name] = Leaf(len(channel), load, str(unit) if unit else None)
+            if (step := about.get("wf_increment")) is not None:
+                own.scalars["dt"] = float(step)
+                start = start or about.get("wf_start_time")
     require_stored(declared, path.stat().st_size, path)
-    found = tree_file(path, groups, scalars)
+    found = tree_file(path, groups)
     if isinstance(start, np.datetime64):
         found.start_ns = int(start.astype("datetime64[ns]").astype(np.int64))
     return found

@@ -7,7 +7,7 @@ Arrays of one length in one group share the clock that stands beside them under 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,24 @@ class Leaf:
     size: int
     load: Callable[[], NDArray[np.generic]]
     unit: str | None = None
+
+
+@dataclass
+class Group:
+    """Arrays by name, single numbers, and the unit of arrays that have none and are no time."""
+
+    leaves: dict[str, Leaf] = field(default_factory=dict)
+    scalars: dict[str, float] = field(default_factory=dict)
+    unit: str | None = None
+
+    def period(self) -> float | None:
+        """s; by a single number that is called a period or a rate."""
+        for name, value in self.scalars.items():
+            if name.lower() in _PERIODS and 0.0 < value < 1e3:
+                return value
+            if name.lower() in _RATES and 1e-3 < value < 1e9:
+                return 1.0 / value
+        return None
 
 
 @dataclass
@@ -93,47 +111,37 @@ def _step(stamps: Column) -> float:
     return float(np.median(np.diff(stamps))) if stamps.size > 1 else np.inf
 
 
-def tree_file(
-    path: Path,
-    groups: Mapping[str, Mapping[str, Leaf]],
-    scalars: Mapping[str, Mapping[str, float]] | None = None,
-) -> TreeFile:
-    """Signals of arrays by group.
-
-    Parameters
-    ----------
-    groups : path of the group ("" for the top) to its arrays by name.
-    scalars : path of the group to single numbers in it, among which a rate or a period may stand.
+def tree_file(path: Path, groups: Mapping[str, Group]) -> TreeFile:
+    """Signals of arrays by group, whose name is its path, "" for the top.
 
     Raises
     ------
     InputError : no arrays of more than one number, or more than is read.
     """
     log = TreeFile(path)
-    for group, leaves in groups.items():
-        _add_group(log, group, leaves, (scalars or {}).get(group, {}))
+    for name, group in groups.items():
+        _add_group(log, name, group)
     if not log.signals:
         raise InputError("no signals (arrays of numbers with more than one value)", where=path)
-    rows = max(leaf.size for leaf in log.leaves.values())
-    require_size(rows, len(log.leaves), path)
+    require_size(max(leaf.size for leaf in log.leaves.values()), len(log.leaves), path)
     return log
 
 
-def _add_group(log: TreeFile, group: str, leaves: Mapping[str, Leaf], scalars: Mapping[str, float]) -> None:
+def _add_group(log: TreeFile, group: str, content: Group) -> None:
     prefix = f"{group}/" if group else ""
-    by_size: dict[int, list[str]] = {}
-    for name, leaf in leaves.items():
+    by_size: dict[int, dict[str, Leaf]] = {}
+    for name, leaf in content.leaves.items():
         if leaf.size > 1 and name:
-            by_size.setdefault(leaf.size, []).append(name)
-    for size, names in by_size.items():
-        times = [n for n in names if is_time_name(n)]
-        values = [n for n in names if n not in times]
+            unit = leaf.unit or (content.unit if name.lower() not in ("time", "t") else None)
+            by_size.setdefault(leaf.size, {})[name] = replace(leaf, unit=unit)
+    for size, leaves in by_size.items():
+        times = [n for n in leaves if is_time_name(n)]
+        values = [n for n in leaves if n not in times]
         clock = group if len(by_size) == 1 else f"{group}#{size}"
-        for n in names:
-            log.leaves[prefix + n] = leaves[n]
+        log.leaves |= {prefix + n: leaf for n, leaf in leaves.items()}
         if times:
             log.clocks[clock] = prefix + times[0]
-        elif (period := _period_of(scalars)) is not None:
+        elif (period := content.period()) is not None:
             log.periods[clock] = (period, size)
         if group and len(values) == 1 and times and values[0].lower() in _VALUES:
             log.leaves[group] = leaves[values[0]]
@@ -141,12 +149,3 @@ def _add_group(log: TreeFile, group: str, leaves: Mapping[str, Leaf], scalars: M
             continue
         for n in (*times, *values):
             log.signals[prefix + n] = Signal(prefix + n, clock, leaves[n].unit)
-
-
-def _period_of(scalars: Mapping[str, float]) -> float | None:
-    for name, value in scalars.items():
-        if name.lower() in _PERIODS and 0.0 < value < 1e3:
-            return value
-        if name.lower() in _RATES and 1e-3 < value < 1e9:
-            return 1.0 / value
-    return None

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.logs.mapping.behaviour import correlation, follows, rises_with_pumping
+from fdd.logs.mapping.behaviour import correlation
 from fdd.logs.mapping.evidence import Clues
 
 IMPOSSIBLE = -1e3
@@ -15,6 +15,7 @@ LEAST_SCORE = 1.5
 """nats; a signal of which less speaks for a channel is left without one."""
 CLEAR_T = 5.0
 """Student's t above which the pumping tells which chamber is filled."""
+PUMP, MOTION = ("pump_speed", "pump_angle", "command"), ("position", "position_setpoint")
 _NAMED_SIDES = {
     "ext", "extend", "ret", "retract", "head", "rod", "bore", "cap", "kolbenseite", "stangenseite",
     "bodenseite", "ringseite", "stange", "kolben", "tige", "fond",
@@ -22,8 +23,7 @@ _NAMED_SIDES = {
 """Words that tell which end of the cylinder a chamber is at, and not only A and B."""
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """A channel's signal, how sure that is (0 to 1), and the signal that comes next."""
 
     signal: str
@@ -76,80 +76,64 @@ def signs_of(found: Clues, chosen: dict[str, Choice]) -> tuple[dict[str, int], l
     -------
     Sign by channel, and what was found out, one line each.
     """
-    notes: list[str] = []
-    data = found.data
-    signs: dict[str, int] = dict.fromkeys(chosen, 1)
-    pump = next((c for c in ("pump_speed", "pump_angle", "command") if c in chosen), None)
-    if pump is None or "position" not in chosen:
-        return signs, notes
-    name = {c: choice.signal for c, choice in chosen.items()}
+    data, signs = found.data, dict.fromkeys(chosen, 1)
+    name = {channel: choice.signal for channel, choice in chosen.items()}
     one, two, drop = (name.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
-    if one and two and drop:
-        between = correlation(data.means(drop), data.means(one) - data.means(two))
-        if between < -0.5:
-            signs["pressure_difference"] = -1
-    rate = pump != "pump_angle"
-    along = (
-        follows(data, name["position"], name[pump])
-        if rate
-        else correlation(data.changes(name["position"]), data.changes(name[pump]))
-    )
+    pump = next((c for c in PUMP if c in chosen), None)
+    if pump is None or "position" not in chosen:
+        return signs, []
+    if one and two and drop and correlation(data.means(drop), data.means(one) - data.means(two)) < -0.5:
+        signs["pressure_difference"] = -1
     if one and two:
         difference = data.columns[one] - data.columns[two]
     elif drop:
         difference = data.columns[drop]
     else:
-        return signs, notes
-    t = rises_with_pumping(data, difference, name["position"], name[pump], rate=rate)
-    motion, pressures = 1 if along > 0 else -1, 1 if t > 0 else -1
+        return signs, []
+    rate = pump != "pump_angle"
+    along = correlation(data.changes(name["position"]), data.turned(name[pump], rate=rate))
+    t = data.rises_with_pumping(difference, name["position"], name[pump], rate=rate)
     if abs(along) < 0.5:
-        notes.append("the position does not follow the pump in this log: signs are taken as they are")
-        return signs, notes
+        return signs, ["the position does not follow the pump in this log: signs are taken as they are"]
+    notes: list[str] = []
     if abs(t) < CLEAR_T:
         notes.append("this log does not tell which chamber the pump fills: chambers are taken as named")
-        pressures = 1
-    pumped: list[str] = [c for c in ("pump_speed", "pump_angle", "command") if c in chosen]
-    moved: list[str] = [c for c in ("position", "position_setpoint") if c in chosen]
-    flip: list[str] = []
-    if (motion, pressures) == (-1, 1):
-        flip = moved
+    forwards, raises = along > 0.0, t > 0.0 or abs(t) < CLEAR_T
+    told = {word for signal in (one, two) if signal for word in found.words.taken_apart(signal)}
+    turned: tuple[str, ...] = ()
+    if not forwards and raises:
+        turned = MOTION
         notes.append("the position counts against the pump: its sign is turned")
-    elif (motion, pressures) == (-1, -1):
-        flip = pumped
+    elif not forwards:
+        turned = PUMP
         notes.append("the pump counts against position and pressures: its sign is turned")
-    elif (motion, pressures) == (1, -1):
-        told = {word for name in (one, two) if name for word in found.words.taken_apart(name)}
-        if one and two and not _NAMED_SIDES & told:
-            chosen["pressure_1"], chosen["pressure_2"] = chosen["pressure_2"], chosen["pressure_1"]
-            signs["pressure_difference"] = -signs.get("pressure_difference", 1)
-            notes.append(f"a positive pump motion raises {two}: it is chamber 1")
-        elif one and two:
-            flip = [*pumped, *moved]
-            notes.append(f"a positive pump motion raises {two}: retracting counts as positive, turned")
-        else:
-            signs["pressure_difference"] = -1
-            notes.append(f"a positive pump motion lowers {drop}: its sign is turned")
-    for channel in flip:
-        signs[channel] = -1
-    _like(found, chosen, signs, "command", pump)
+    elif not raises and not (one and two):
+        signs["pressure_difference"] = -1
+        notes.append(f"a positive pump motion lowers {drop}: its sign is turned")
+    elif not raises and _NAMED_SIDES & told:
+        turned = PUMP + MOTION
+        notes.append(f"a positive pump motion raises {two}: retracting counts as positive, turned")
+    elif not raises:
+        chosen["pressure_1"], chosen["pressure_2"] = chosen["pressure_2"], chosen["pressure_1"]
+        signs["pressure_difference"] = -signs.get("pressure_difference", 1)
+        notes.append(f"a positive pump motion raises {two}: it is chamber 1")
+    signs |= {channel: -1 for channel in turned if channel in chosen}
+
+    def like(demand: str, measured: str) -> None:
+        """Give a demand the sign of what follows it."""
+        if demand in chosen and measured not in (demand, "pump_angle"):
+            alike = data.alike(name[demand], name[measured])
+            if abs(alike) > 0.5:
+                signs[demand] = signs[measured] * (1 if alike > 0 else -1)
+
+    like("command", pump)
     if "pump_angle" in chosen and pump == "pump_speed":
-        alike = follows(data, name["pump_angle"], name[pump])
-        signs["pump_angle"] = signs[pump] * (-1 if alike < -0.5 else 1)
-    _like(found, chosen, signs, "position_setpoint", "position")
+        backwards = data.follows(name["pump_angle"], name[pump]) < -0.5
+        signs["pump_angle"] = signs[pump] * (-1 if backwards else 1)
+    like("position_setpoint", "position")
     if "motor_current" in chosen and drop:
-        torque = correlation(data.means(name["motor_current"]), data.means(drop))
-        sense = signs["pressure_difference"] * (1 if torque > 0 else -1)
-        if abs(torque) > 0.5 and sense < 0:
+        torque = data.alike(name["motor_current"], drop)
+        if abs(torque) > 0.5 and signs["pressure_difference"] * torque < 0:
             signs["motor_current"] = -1
             notes.append("the current is negative where the pump works against pressure: its sign is turned")
     return signs, notes
-
-
-def _like(found: Clues, chosen: dict[str, Choice], signs: dict[str, int], demand: str, measured: str) -> None:
-    """Give a demand the sign of what follows it."""
-    if demand not in chosen or measured in (demand, "pump_angle"):
-        return
-    both = (found.data.means(chosen[c].signal) for c in (demand, measured))
-    alike = correlation(*both)
-    if abs(alike) > 0.5:
-        signs[demand] = signs[measured] * (1 if alike > 0 else -1)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
+from typing import NamedTuple
 
 from fdd.bounds import MAX_WORDS_BYTES
 from fdd.errors import InputError
@@ -22,11 +22,9 @@ _UNIT_CONCEPTS = {
     "current": "current", "temperature": "temperature", "force": "force", "voltage": "voltage",
     "time": "time",
 }  # fmt: skip
-_DIMENSIONS = tuple(_UNIT_CONCEPTS)
 
 
-@dataclass(frozen=True)
-class Rule:
+class Rule(NamedTuple):
     """What a channel's name has to say: all of one of `needs`, none of `never`; `helps` makes it surer."""
 
     needs: tuple[frozenset[str], ...]
@@ -62,6 +60,9 @@ RULES: dict[str, Rule] = {
         "temperature+oil temperature", "measured", "pump pressure command current elsewhere",
     ),
     "load_force": _rule("force", "measured", "command pressure temperature speed"),
+}  # fmt: skip
+_KNOWN = {c for r in RULES.values() for need in r.needs for c in need} | {
+    "flow", "measured", "voltage", "elsewhere",
 }  # fmt: skip
 _GREEK = {
     chr(code): f" {name.split()[-1].lower()} "
@@ -103,14 +104,10 @@ class Words:
         data = yaml_mapping(text, where, "file of words", schema="fdd.words/1").get("words")
         if not isinstance(data, dict):
             raise InputError("no words", where=where, mend="write words: and a list for each meaning")
-        known = {c for r in RULES.values() for n in r.needs for c in n} | {
-            "flow", "measured", "voltage", "elsewhere",
-        }  # fmt: skip
         for concept, words in data.items():
-            if concept not in known or not isinstance(words, list):
-                raise InputError(
-                    f"{concept!r} is no meaning", where=where, mend=f"use: {', '.join(sorted(known))}"
-                )
+            if concept not in _KNOWN or not isinstance(words, list):
+                mend = f"use: {', '.join(sorted(_KNOWN))}"
+                raise InputError(f"{concept!r} is no meaning", where=where, mend=mend)
             for word in words:
                 self._meanings.setdefault(_plain(str(word)), set()).add(str(concept))
 
@@ -132,20 +129,20 @@ class Words:
         return [part for word in re.findall(r"[a-z0-9]+", _plain(spaced)) for part in self._parts(word)]
 
     def _parts(self, word: str) -> list[str]:
-        """A word, or the fewest known words that make it up."""
+        """A word, or the fewest known words that make it up, none inside of fewer than three letters."""
         if word in self._meanings or word in _SMALL:
             return [word]
-        best: list[list[str] | None] = [[]] + [None] * len(word)
+        best: list[list[str] | None] = [[]]
         for end in range(1, len(word) + 1):
-            for start in range(max(0, end - 20), end):
-                before = best[start]
-                inside = start > 0 and end < len(word)
-                if before is None or word[start:end] not in self._meanings or (inside and end - start < 3):
-                    continue
-                one = best[end]
-                if one is None or len(before) + 1 < len(one):
-                    best[end] = [*before, word[start:end]]
-        whole = best[len(word)]
+            ways = (
+                [*before, word[start:end]]
+                for start in range(max(0, end - 20), end)
+                if (before := best[start]) is not None
+                and word[start:end] in self._meanings
+                and (start == 0 or end == len(word) or end - start >= 3)
+            )
+            best.append(min(ways, key=len, default=None))
+        whole = best[-1]
         return whole if whole is not None and len(whole) <= max(2, len(word) // 3) else [word]
 
 
@@ -168,7 +165,7 @@ def dimension_of(unit: str | None) -> str | None:
         return None
     if (dimension := _RAW.get(unit.strip().lower())) is not None:
         return dimension
-    return next((d for d in _DIMENSIONS if find_measure(unit, d) is not None), None)
+    return next((d for d in _UNIT_CONCEPTS if find_measure(unit, d) is not None), None)
 
 
 def said_and_unit(signal: Signal, words: Words) -> tuple[set[str], str | None]:
@@ -186,24 +183,22 @@ def said_and_unit(signal: Signal, words: Words) -> tuple[set[str], str | None]:
     own = signal.field if signal.field is not None else own
     context = path_parts(signal.topic or before)[1]
     file_unit = signal.unit if dimension_of(signal.unit) is not None else None
-    rest, unit = bare_name(own), unit_in_name(own)
-    rest = own[: len(rest)] if own.lower().startswith(rest) else rest
-    last = own.rsplit(".", 1)[-1]
+    bare, unit, last = bare_name(own), unit_in_name(own), own.rsplit(".", 1)[-1]
+    rest = own[: len(bare)] if own.lower().startswith(bare) else bare
     # A unit stands behind something: pA by itself, in any letters, is a port's pressure.
     behind = (bool(context) or last != own) and not words.concepts(last) & {"chamber_1", "chamber_2"}
     if behind and file_unit is None and unit is None and len(last) > 1 and dimension_of(last) is not None:
         rest, unit = context, last
     if unit is not None:
-        measured = {c for c in words.concepts(rest) if c in _UNIT_CONCEPTS.values()}
+        measured = words.concepts(rest) & set(_UNIT_CONCEPTS.values())
         means = _UNIT_CONCEPTS.get(dimension_of(unit) or "")
-        bare = len(unit) == 1 and not own.rstrip().endswith(("]", ")"))
-        if means is None or (bare and measured and means not in measured):
-            rest, unit = (own, None) if means not in ("voltage",) else (rest, unit)
+        letter = len(unit) == 1 and not own.rstrip().endswith(("]", ")"))
+        if means is None or (letter and measured and means not in measured and means != "voltage"):
+            rest, unit = own, None
     said = words.concepts(rest)
     means = _UNIT_CONCEPTS.get(dimension_of(file_unit or unit) or "")
     heard = said | ({means} if means else set())
-    alone = not said or len(rest) == 1
-    if alone or not any(need <= heard for rule in RULES.values() for need in rule.needs):
+    if len(rest) == 1 or not said or not any(n <= heard for rule in RULES.values() for n in rule.needs):
         said |= words.concepts(context) - {"command"}  # e.g. the pressure of the folder accumulator
     return said, file_unit or unit
 
@@ -226,25 +221,18 @@ def name_scores(signal: Signal, words: Words) -> dict[str, float]:
     'pressure_1'
     """
     said, unit = said_and_unit(signal, words)
-    own = signal.field or path_parts(signal.name)[1]
-    if own in CHANNELS and dimension_of(unit) in (None, CHANNELS[own].dimension):
+    own, dimension = signal.field or path_parts(signal.name)[1], dimension_of(unit)
+    if own in CHANNELS and dimension in (None, CHANNELS[own].dimension):
         return {own: 10.0}
-    dimension = dimension_of(unit)
     heard = said | ({_UNIT_CONCEPTS[dimension]} if dimension in _UNIT_CONCEPTS else set())
     out: dict[str, float] = {}
     for channel, rule in RULES.items():
-        fits = dimension is None or dimension == CHANNELS[channel].dimension
         raw = dimension in _RAW.values() and channel != "time"
-        if not fits and not raw:
+        if dimension not in (None, CHANNELS[channel].dimension) and not raw:
             continue
-        met = [need for need in rule.needs if need <= heard]
         score = 0.0 if dimension is None or raw else 1.0
-        if met:
-            words_met = max(len(need & said) for need in met)
+        if met := [len(need & said) for need in rule.needs if need <= heard]:
             # The thing and whose it is, e.g. the oil's temperature, are worth more than each by itself.
-            score += 2.0 + words_met + (words_met > 1) + 0.5 * len(rule.helps & said)
-        score -= 2.0 * len(rule.never & said)
-        if raw and channel != "command":
-            score -= 1.0
-        out[channel] = score
+            score += 2.0 + max(met) + (max(met) > 1) + 0.5 * len(rule.helps & said)
+        out[channel] = score - 2.0 * len(rule.never & said) - (1.0 if raw and channel != "command" else 0.0)
     return out

@@ -11,17 +11,8 @@ import numpy as np
 from fdd.bounds import MOST_ROWS_LOOKED_AT
 from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.mapping.behaviour import (
-    Signals,
-    correlation,
-    difference,
-    follows,
-    leads,
-    rises_with_pumping,
-    roughness,
-)
+from fdd.logs.mapping.behaviour import Shaft, Signals, correlation, find_shaft
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
-from fdd.logs.mapping.shaft import Shaft, find_shaft
 from fdd.logs.names import is_time_name, path_parts, time_unit
 from fdd.logs.rates import aligned
 from fdd.measures import MEASURES
@@ -37,6 +28,8 @@ CLOSE = 0.9
 """Correlation above which one signal's motion is another's."""
 SAME_SHAFT = 0.97
 """Correlation above which a signal's integral is the shaft's angle: a speed, or the demand for it."""
+NAMED = 2.0
+"""nats above which a name tells a channel."""
 SURE_NATS, LIKELY_NATS = 4.0, 3.0
 CLEAR_T = 2.0
 RESTS = 0.6
@@ -52,10 +45,10 @@ class Clues:
     signals : by name, without those of clocks.
     data : on one time base.
     scores : signal to channel to nats.
-    reasons : (signal, channel) to what spoke for it.
     units : signal to the unit that the file or its name gives.
-    time : the column of the time and its unit, where the file does not tell by itself.
     words : that names were read by. said : signal to the concepts of its name.
+    time : the column of the time and its unit, where the file does not tell by itself.
+    reasons : (signal, channel) to what spoke for it.
     unnamed : signals of which neither name nor unit says anything, the user's among them.
     shaft : the pump's, where an angle begins again each turn; its column in `data` is unwrapped and directed.
     """
@@ -66,8 +59,8 @@ class Clues:
     units: dict[str, str | None]
     words: Words
     said: dict[str, set[str]]
-    reasons: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     time: tuple[str, str] | None = None
+    reasons: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     unnamed: list[str] = field(default_factory=list)
     shaft: Shaft | None = None
 
@@ -79,15 +72,8 @@ class Clues:
 
     def allowing(self, *channels: str) -> list[str]:
         """Signals that move and may be one of these channels."""
-        return [
-            n
-            for n, scores in self.scores.items()
-            if any(scores.get(c, -9.0) >= 0.0 for c in channels) and np.ptp(self.data.columns[n]) > 0.0
-        ]
-
-    def named_as(self, signal: str, concept: str) -> bool:
-        """Whether a signal's name says a thing, whatever its unit."""
-        return any(s >= 2.0 for c, s in self.scores[signal].items() if c.startswith(concept))
+        may = (n for n, scores in self.scores.items() if any(scores.get(c, -9.0) >= 0.0 for c in channels))
+        return [n for n in may if np.ptp(self.data.columns[n]) > 0.0]
 
     def pressures(self) -> list[str]:
         """Signals that move and are pressures by their unit, or else by their name."""
@@ -95,15 +81,10 @@ class Clues:
         sure = [n for n in may if dimension_of(self.units[n]) == "pressure"]
         return sure or [n for n in may if "pressure" in self.said[n]]
 
-    @property
-    def sides_known(self) -> bool:
-        """Whether a name tells a chamber's pressure, or their difference."""
-        return any(self.named(channel) is not None for channel in PRESSURES[:3])
-
     def named(self, channel: str) -> str | None:
         """The signal of which most speaks for a channel, where anything does."""
         best = max(self.scores, key=lambda n: self.scores[n].get(channel, -9.0), default=None)
-        return best if best is not None and self.scores[best].get(channel, -9.0) >= 2.0 else None
+        return best if best is not None and self.scores[best].get(channel, -9.0) >= NAMED else None
 
 
 def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
@@ -117,6 +98,27 @@ def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
     ------
     InputError : nothing in the log can be its time.
     """
+    found = _read(log, words)
+    for name, channels in found.scores.items():
+        best = max(channels.values(), default=0.0)
+        reason = "its name and unit" if found.units[name] else "its name"
+        told = (channel for channel, nats in channels.items() if nats == best >= NAMED)
+        found.reasons |= {(name, channel): [reason] for channel in told}
+        if found.units[name] is None and best <= 0.0:
+            found.unnamed.append(name)
+    for channel, name in given.items():
+        for channels in found.scores.values():
+            channels.pop(channel, None)
+        if name in found.scores:
+            found.scores[name] = {channel: GIVEN_NATS}
+    _shaft(found, {*given.values()})
+    for look in (_pressures, _motion, _chambers, _accumulator, _torque):
+        look(found)
+    return found
+
+
+def _read(log: LogFile, words: Words) -> Clues:
+    """All signals on the time base of the one with most rows, and what names and units say."""
     raw = log.read(log.signals)
     main = max(log.signals.values(), key=lambda s: raw[s.name].size).clock
     stamps = {clock: log.stamps(clock) for clock in dict.fromkeys(s.clock for s in log.signals.values())}
@@ -128,9 +130,9 @@ def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
     good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS_LOOKED_AT]
     columns = {}
     for name, signal in log.signals.items():
+        own = stamps[signal.clock]
         if name in clocks or (is_time_name(name) and _grows(raw[name])):  # T may be a temperature
             continue
-        own = stamps[signal.clock]
         if signal.clock != main and own is None:
             continue
         values = raw[name] if signal.clock == main or own is None else aligned(at, own, raw[name])
@@ -139,32 +141,14 @@ def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
             columns[name] = values
     known = {n: log.signals[n] for n in columns}
     plain = _without_prefix(known)
-    data = Signals(at[good], columns)
-    scores = {n: name_scores(s, words) for n, s in plain.items()}
     said = {n: said_and_unit(s, words) for n, s in plain.items()}
-    # SI, where a signal carries the contract's own name.
-    own_names = {n: s.field or path_parts(s.name)[1] for n, s in plain.items()}
-    si = {n: CHANNELS[own].unit for n, own in own_names.items() if own in CHANNELS}
-    units = {n: unit or si.get(n) for n, (_, unit) in said.items()}
-    found = Clues(known, data, scores, units, words, {n: c for n, (c, _) in said.items()}, time=time)
-    for name, channels in scores.items():
-        best = max(channels.values(), default=0.0)
-        for channel, score in channels.items():
-            if score >= 2.0 and score == best:
-                found.reasons[(name, channel)] = ["its name" + (" and unit" if units[name] else "")]
-    found.unnamed = [n for n, s in scores.items() if units[n] is None and max(s.values(), default=0.0) <= 0.0]
-    for channel, name in given.items():
-        for channels in scores.values():
-            channels.pop(channel, None)
-        if name in scores:
-            scores[name] = {channel: GIVEN_NATS}
-    _shaft(found, {*given.values()})
-    _pressures(found)
-    _motion(found)
-    _chambers(found)
-    _accumulator(found)
-    _torque(found)
-    return found
+    units = {n: unit for n, (_, unit) in said.items()}
+    for n, s in plain.items():  # SI, where a signal carries the contract's own name
+        own_name = s.field or path_parts(s.name)[1]
+        units[n] = units[n] or (CHANNELS[own_name].unit if own_name in CHANNELS else None)
+    scores = {n: name_scores(s, words) for n, s in plain.items()}
+    concepts = {n: c for n, (c, _) in said.items()}
+    return Clues(known, Signals(at[good], columns), scores, units, words, concepts, time)
 
 
 def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[str, str]:
@@ -188,8 +172,8 @@ def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[
 def _without_prefix(signals: dict[str, Signal]) -> dict[str, Signal]:
     """What all names begin with, e.g. EHA1_, tells none from another."""
     own = [s.field or path_parts(s.name)[1] for s in signals.values()]
-    pairs = zip(min(own, default=""), max(own, default=""), strict=False)
-    same = re.match(r".*[\W_]", "".join(a for a, b in takewhile(lambda pair: pair[0] == pair[1], pairs)))
+    letters = takewhile(lambda each: len(set(each)) == 1, zip(*own, strict=False))
+    same = re.match(r".*[\W_]", "".join(each[0] for each in letters))
     if same is None or len(own) < LEAST_ALIKE:
         return signals
     n, out = len(same[0]), {}
@@ -219,12 +203,12 @@ def _shaft(found: Clues, given: set[str]) -> None:
         found.data.columns[shaft.signal] = shaft.turned
         found.add(shaft.signal, "pump_angle", SURE_NATS, f"it begins again each {shaft.wrap:g} counts")
         others = [n for n in unnamed if n not in (shaft.signal, shaft.direction)]
-        alike = [(abs(follows(found.data, shaft.signal, n)), n) for n in others]
+        alike = [(abs(found.data.follows(shaft.signal, n)), n) for n in others]
         rates = sorted((pair for pair in alike if pair[0] > SAME_SHAFT), reverse=True)
         for r, name in rates[:1]:
             found.add(name, "pump_speed", SURE_NATS, f"it adds up to {shaft.signal} ({r:.4f})")
         for _, name in rates[1:]:
-            if leads(found.data, name, rates[0][1]) >= 0.0:
+            if found.data.leads(name, rates[0][1]) >= 0.0:
                 found.add(name, "command", LIKELY_NATS, f"{rates[0][1]} comes after it")
     for name in unnamed:
         found.scores[name] = {channel: nats for channel, nats in found.scores[name].items() if nats > 0.0}
@@ -233,36 +217,35 @@ def _shaft(found: Clues, given: set[str]) -> None:
 def _pressures(found: Clues) -> None:
     """Δp is what two others differ by; the accumulator's is the quietest of the rest."""
     sure = found.pressures()
-    if (triple := difference(found.data, sure[:12])) is not None:
-        d, one, two = triple
-        # Nothing but its name and the pumping tell the two chambers apart, so each may be the other.
-        for name, channel, nats in (
-            (d, "pressure_difference", 3.0), (one, "pressure_1", 3.0), (two, "pressure_2", 3.0),
-            (one, "pressure_2", 2.0), (two, "pressure_1", 2.0),
-        ):  # fmt: skip
-            found.add(name, channel, nats, f"{d} = {one} - {two}")
-        rest = [n for n in sure if n not in (d, one, two)]
-        if rest:
-            quiet = min(rest, key=lambda n: float(np.std(found.data.means(n))))
-            found.add(quiet, "pressure_accumulator", 1.0, "it changes least")
+    if (triple := found.data.difference(sure[:12])) is None:
+        return
+    d, one, two = triple
+    # Nothing but its name and the pumping tell the two chambers apart, so each may be the other.
+    for name, channel, nats in (
+        (d, "pressure_difference", 3.0), (one, "pressure_1", 3.0), (two, "pressure_2", 3.0),
+        (one, "pressure_2", 2.0), (two, "pressure_1", 2.0),
+    ):  # fmt: skip
+        found.add(name, channel, nats, f"{d} = {one} - {two}")
+    if rest := [n for n in sure if n not in triple]:
+        quiet = min(rest, key=lambda n: float(np.std(found.data.means(n))))
+        found.add(quiet, "pressure_accumulator", 1.0, "it changes least")
 
 
 def _motion(found: Clues) -> None:
     """The position follows the pump's speed; a demand is smooth and comes first."""
+    data = found.data
     rates = [n for n in found.allowing("pump_speed", "command") if n not in found.unnamed]
     places = [n for n in found.allowing("position", "position_setpoint") if n not in found.unnamed]
     for x, w in product(places, rates):
-        r = 0.0 if x == w else abs(follows(found.data, x, w))
-        if r > CLOSE:
+        if x != w and (r := abs(data.follows(x, w))) > CLOSE:
             found.add(x, "position", 2.0 * r - 1.0, f"it follows {w} ({r:.2f})")
             found.add(w, "pump_speed", 2.0 * r - 1.0, f"{x} follows it ({r:.2f})")
-    groups = (rates, "command", "pump_speed"), (places, "position_setpoint", "position")
-    for group, demand, measured in groups:
+    for group, demand, measured in (
+        (rates, "command", "pump_speed"), (places, "position_setpoint", "position"),
+    ):  # fmt: skip
         for a, b in permutations(group, 2):
-            if abs(correlation(found.data.means(a), found.data.means(b))) < CLOSE:
-                continue
-            smooth = roughness(found.data, a) < 0.5 * roughness(found.data, b)
-            if smooth and leads(found.data, a, b) > 0.0:
+            smooth = abs(data.alike(a, b)) >= CLOSE and data.roughness(a) < 0.5 * data.roughness(b)
+            if smooth and data.leads(a, b) > 0.0:
                 found.add(a, demand, 1.0, f"it is smooth and comes before {b}")
                 found.add(b, measured, 1.0, f"it comes after {a}")
 
@@ -275,14 +258,17 @@ def _chambers(found: Clues) -> None:
     """
     data, rate = found.data, found.shaft is None
     pump = found.named("pump_speed") if found.shaft is None else found.shaft.signal
-    x = found.named("position")
-    may = sorted(n for n in found.pressures() if not found.named_as(n, "pressure"))
-    if pump is None or x is None or found.sides_known or not data.changes(x).size:
+    x, told = found.named("position"), any(found.named(channel) for channel in PRESSURES[:3])
+    may = sorted(
+        n for n in found.pressures()
+        if not any(nats >= NAMED for c, nats in found.scores[n].items() if c.startswith("pressure"))
+    )  # fmt: skip
+    if pump is None or x is None or told or not data.changes(x).size:
         return
     # A pressure is filled by the motion that counts as positive, whichever way the pump counts.
-    way = 1.0 if correlation(data.changes(x), data.sums(pump) if rate else data.changes(pump)) > 0.0 else -1.0
+    way = 1.0 if correlation(data.changes(x), data.turned(pump, rate=rate)) > 0.0 else -1.0
     middles = {n: data.columns[n] - float(np.nanmedian(data.columns[n])) for n in may}
-    t = {n: way * rises_with_pumping(data, v, x, pump, rate=rate) for n, v in middles.items()}
+    t = {n: way * data.rises_with_pumping(v, x, pump, rate=rate) for n, v in middles.items()}
     for side, sense, word in (("pressure_1", 1.0, "raises"), ("pressure_2", -1.0, "lowers")):
         best = max((sense * t[n] for n in may), default=0.0)
         for name in may:
@@ -301,13 +287,11 @@ def _chambers(found: Clues) -> None:
 
 def _rest(data: Signals, a: str, b: str) -> float:
     """The share of its scatter that one keeps while the other is high, the larger of both ways round."""
-    shares = []
-    for one, other in ((a, b), (b, a)):
-        mine, its = data.means(one), data.means(other)
-        low, high = np.percentile(its, [5.0, 95.0])
-        working = its > 0.5 * (low + high)
+    shares = [1e-3]
+    for mine, its in permutations((data.means(a), data.means(b))):
+        working = its > 0.5 * float(np.sum(np.percentile(its, [5.0, 95.0])))
         shares.append(float(np.std(mine[working]) / np.std(mine)) if working.any() else 1.0)
-    return max(max(shares), 1e-3)
+    return max(shares)
 
 
 def _accumulator(found: Clues) -> None:
@@ -335,9 +319,7 @@ def _accumulator(found: Clues) -> None:
 def _torque(found: Clues) -> None:
     """The motor's current goes with the pressure difference."""
     drop = found.named("pressure_difference")
-    if drop is None:
-        return
-    for name in found.allowing("motor_current"):
-        r = correlation(found.data.means(name), found.data.means(drop))
-        if name != drop and abs(r) > 0.7 and dimension_of(found.units[name]) in ("current", None):
-            found.add(name, "motor_current", 1.0, f"it goes with {drop} ({abs(r):.2f})")
+    for name in found.allowing("motor_current") if drop is not None else ():
+        r = abs(found.data.alike(name, str(drop)))
+        if name != drop and r > 0.7 and dimension_of(found.units[name]) in ("current", None):
+            found.add(name, "motor_current", 1.0, f"it goes with {drop} ({r:.2f})")

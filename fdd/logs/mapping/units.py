@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.logs.channel_map import ChannelSource
-from fdd.logs.mapping.behaviour import gain, slope_of
 from fdd.logs.mapping.evidence import Clues
-from fdd.measures import find_measure
+from fdd.measures import MEASURES, find_measure
 from fdd.samples import CHANNELS
 
 USUAL = {"ratio": (3e-4, 4.0), "pressure": (5e6, 4.0), "pump_speed": (200.0, 3.0)}
@@ -30,6 +28,7 @@ SAME_NUMBERS = 0.1
 CLEAR_NATS = 2.2
 """Nine to one."""
 _SYMBOL_NATS = 1.5
+Sources = dict[str, ChannelSource]
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Question:
 
     channel: str
     text: str
-    options: dict[str, dict[str, ChannelSource]]
+    options: dict[str, Sources]
     hint: str
 
 
@@ -55,35 +54,28 @@ def scale_of(found: Clues, speed: str | None, channel: str, name: str) -> dict[s
     ----------
     speed : the signal of the pump's speed, which a demand in volts is held against.
     """
-    unit = found.units[name]
+    unit, shaft, data = found.units[name], found.shaft, found.data
     if unit is not None and find_measure(unit, CHANNELS[channel].dimension) is not None:
         return {"unit": unit}
-    shaft = found.shaft
     if channel == "pump_angle" and shaft is not None and shaft.signal == name:
         return {"wrap": shaft.wrap, "scale": 1.0 / shaft.wrap, "unit": "rev"}
     if channel in ("pump_speed", "command") and shaft is not None:
-        slope, spread = gain(found.data, shaft.signal, name)
+        slope, spread = data.gain(shaft.signal, name)
         if speed is not None:
-            measured = gain(found.data, shaft.signal, speed)[0]
-            ratios = (slope_of(found.data, speed, name)[0], slope / measured)
+            measured = data.gain(shaft.signal, speed)[0]
+            ratios = (data.slope(speed, name)[0], slope / measured)
             slope = measured if min(abs(r - 1.0) for r in ratios) < SAME_NUMBERS else slope
         if abs(slope) > 20.0 * spread:
-            return _rate_unit(abs(slope) * 2.0 * np.pi / shaft.wrap)
+            per = abs(slope) * 2.0 * np.pi / shaft.wrap
+            near = (u for u in _UNITS["pump_speed"] if abs(per / MEASURES[u].factor - 1.0) < 0.015)
+            known = next(near, None)
+            return {"unit": known} if known else {"scale": float(f"{per * 30.0 / np.pi:.4g}"), "unit": "rpm"}
     if channel == "command" and speed is not None:
         unit_of_speed = find_measure(found.units[speed] or "rad/s", "angular_speed")
-        slope, spread = slope_of(found.data, speed, name)
+        slope, spread = data.slope(speed, name)
         if unit_of_speed is not None and abs(slope) > 20.0 * spread:
             return {"scale": _rounded_to_rpm(abs(slope) * unit_of_speed.factor), "unit": "rad/s"}
     return {}
-
-
-def _rate_unit(per: float) -> dict[str, object]:
-    """Unit of a speed of which one is so many rad/s; a scale of rpm where it is none."""
-    for unit in _UNITS["pump_speed"]:
-        measured = find_measure(unit, "angular_speed")
-        if measured is not None and abs(per / measured.factor - 1.0) < 0.015:
-            return {"unit": unit}
-    return {"scale": float(f"{per * 30.0 / np.pi:.4g}"), "unit": "rpm"}
 
 
 def _rounded_to_rpm(per_volt: float) -> float:
@@ -95,63 +87,48 @@ def _rounded_to_rpm(per_volt: float) -> float:
     return float(f"{per_volt:.5g}")
 
 
-def unit_questions(
-    found: Clues, names: dict[str, str], sources: dict[str, ChannelSource]
-) -> list[tuple[Question | None, dict[str, ChannelSource]]]:
-    """Units of channels that have none: what is likeliest, and a question where that is not clear.
+def with_units(found: Clues, names: dict[str, str], known: Sources) -> list[Question]:
+    """Give channels that have no unit the likeliest one; a question where that is not clear.
 
     Parameters
     ----------
-    names : channel to signal. sources : channel to its source so far.
-
-    Returns
-    -------
-    Rows of a question (None where the unit is clear) and the sources with the likeliest unit.
+    names : channel to signal. known : channel to its source so far, which is changed.
     """
-    out: list[tuple[Question | None, dict[str, ChannelSource]]] = []
-    known = dict(sources)
+    asked = []
     for kind, units in _UNITS.items():
         members = [c for c in known if c.startswith(kind) and c != "position_setpoint"]
         unknown = [c for c in members if known[c].unit is None]
-        told = [known[c].unit for c in members if known[c].unit is not None]
         if not unknown:
-            if kind == "position" and (demand := _demand_like(found, names, known, {})):
-                out.append((None, demand))
+            known |= _demand_like(found, names, known, {}) if kind == "position" else {}
             continue
+        told = next((known[c].unit for c in members if known[c].unit is not None), None)
         nats = _nats(found, names, known, kind, units)
         likely = sorted(units, key=lambda u: -nats[u])
-        if told:
-            likely = [str(told[0]), *(u for u in likely if u != told[0])]
-        clear = bool(told) or len(likely) == 1 or nats[likely[0]] - nats[likely[1]] > CLEAR_NATS
-        # Whole numbers without a unit are a converter's, and no physics knows its scale.
-        counts = any(names[c] in found.unnamed and _whole(found.data.columns[names[c]]) for c in unknown)
+        clear = told is not None or nats[likely[0]] - nats[likely[1]] > CLEAR_NATS
+        likely = likely if told is None else [told, *(u for u in likely if u != told)]
         options = {u: {c: known[c].model_copy(update={"unit": u}) for c in unknown} for u in likely}
         if kind == "position":
             options = {u: _demand_like(found, names, known, one) for u, one in options.items()}
-        known.update(options[likely[0]])
-        asked = ", ".join(names[c] for c in unknown)
-        text = f"In which unit {'are' if len(unknown) > 1 else 'is'} {asked}?"
-        hint = f"--set {kind}=:{likely[0]}"
-        if counts:
-            have = "have" if len(unknown) > 1 else "has"
-            text = f"Which scale {have} {asked} ({kind}, raw counts by the look of it)?"
+        known |= options[likely[0]]
+        signals, several = ", ".join(names[c] for c in unknown), len(unknown) > 1
+        # Whole numbers without a unit are a converter's, and no physics knows its scale.
+        if any(names[c] in found.unnamed and _whole(found.data.columns[names[c]]) for c in unknown):
+            which = f"Which scale {'have' if several else 'has'} {signals}"
+            text = f"{which} ({kind}, raw counts by the look of it)?"
             hint = " ".join(f"--set {c}={names[c]}*SCALE+OFFSET:{likely[0]}" for c in unknown)
-        question = None if clear and not counts else Question(kind, text, options, hint)
-        out.append((question, options[likely[0]]))
-    return out
+            asked.append(Question(kind, text, options, hint))
+        elif not clear:
+            text = f"In which unit {'are' if several else 'is'} {signals}?"
+            asked.append(Question(kind, text, options, f"--set {kind}=:{likely[0]}"))
+    return asked
 
 
-def _whole(values: NDArray[np.float64]) -> bool:
+def _whole(values: np.ndarray) -> bool:
     there = values[np.isfinite(values)]
     return bool(np.all(there == np.round(there)))
 
 
-def _demand_like(
-    found: Clues,
-    names: dict[str, str],
-    known: dict[str, ChannelSource],
-    sources: dict[str, ChannelSource],
-) -> dict[str, ChannelSource]:
+def _demand_like(found: Clues, names: dict[str, str], known: Sources, sources: Sources) -> Sources:
     """The sources, and with them the demanded position, which is in the measured one's numbers."""
     measured, demand = sources.get("position", known.get("position")), known.get("position_setpoint")
     if measured is None or demand is None or demand.unit or names["position_setpoint"] not in found.unnamed:
@@ -161,7 +138,7 @@ def _demand_like(
 
 
 def _nats(
-    found: Clues, names: dict[str, str], known: dict[str, ChannelSource], kind: str, units: tuple[str, ...]
+    found: Clues, names: dict[str, str], known: Sources, kind: str, units: tuple[str, ...]
 ) -> dict[str, float]:
     """How likely each unit is, by what actuators usually are."""
     columns = found.data.columns
@@ -185,8 +162,8 @@ def _nats(
     if kind == "pressure":
         highest = top([c for c in known if c.startswith("pressure")])
         return {u: _nearness("pressure", highest * factor(u, "pressure")) for u in units}
-    rates = [c for c in ("pump_speed", "position") if c in known]
-    per = abs(gain(found.data, names["position"], names["pump_speed"])[0]) if len(rates) == 2 else 0.0
+    both = {"pump_speed", "position"} <= known.keys()
+    per = abs(found.data.gain(names["position"], names["pump_speed"])[0]) if both else 0.0
     if kind == "position":
         speed = factor(known["pump_speed"].unit, "angular_speed") * known["pump_speed"].scale if per else 1.0
         return {u: _nearness("ratio", per * factor(u, "length") / speed) if per else 0.0 for u in units}

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import zlib
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from io import BytesIO
 from pathlib import Path
 from struct import Struct
@@ -35,8 +34,9 @@ class Batch(NamedTuple):
     payloads: list[bytes]
 
 
-_Found = defaultdict[int, tuple[list[int], list[bytes]]]
-"""Stamps and bytes by channel."""
+def _found() -> defaultdict[int, tuple[list[int], list[bytes]]]:
+    """Stamps and bytes by channel."""
+    return defaultdict(lambda: ([], []))
 
 
 @dataclass
@@ -64,13 +64,21 @@ class ChunkWalk:
 
     def __iter__(self) -> Iterator[Batch]:
         from mcap.exceptions import InvalidMagic, McapError, RecordLengthLimitExceeded
+        from mcap.opcode import Opcode
         from mcap.records import Channel, Chunk, Message, Metadata, Schema
+        from mcap.stream_reader import StreamReader
+
+        class Reader(StreamReader):
+            """Passes over message indexes, which the library would unpack number by number."""
+
+            def _read_record(self, opcode: int, length: int) -> Any:
+                return None if opcode == Opcode.MESSAGE_INDEX else super()._read_record(opcode, length)
 
         # Besides the library's own whatever a damaged record provokes, as text that is none.
         provoked = (McapError, ValueError, LookupError, ArithmeticError, MemoryError, StructError)
-        loose: _Found = defaultdict(lambda: ([], []))
+        loose = _found()
         with self.path.open("rb") as stream:
-            records = _reader()(stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
+            records = Reader(stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
             first = True
             while True:
                 try:
@@ -100,12 +108,12 @@ class ChunkWalk:
                     yield from self._batches(self._chunk(record))
         yield from self._batches(loose)
 
-    def _batches(self, found: _Found) -> Iterator[Batch]:
+    def _batches(self, found: Mapping[int, tuple[list[int], list[bytes]]]) -> Iterator[Batch]:
         for channel, (stamps, payloads) in sorted(found.items()):
             if channel in self.channels:  # else a damaged number; there may be thousands
                 yield Batch(channel, np.array(stamps, dtype=np.uint64).astype(np.int64), payloads)
 
-    def _chunk(self, chunk: Any) -> _Found:
+    def _chunk(self, chunk: Any) -> Mapping[int, tuple[list[int], list[bytes]]]:
         """Messages of a chunk; none where it is damaged."""
         from mcap.data_stream import ReadDataStream
         from mcap.records import Channel, Schema
@@ -113,7 +121,7 @@ class ChunkWalk:
         size, crc = int(chunk.uncompressed_size), chunk.uncompressed_crc
         if size > MAX_CHUNK_BYTES:
             raise InputError(f"a chunk of {size} bytes, at most {MAX_CHUNK_BYTES} are read", where=self.path)
-        found: _Found = defaultdict(lambda: ([], []))
+        found = _found()
         raw = _inflated(chunk, size)
         if raw is None or len(raw) != size or (crc and zlib.crc32(raw) != crc):
             self.damaged += 1
@@ -137,22 +145,9 @@ class ChunkWalk:
                     record = kind.read(ReadDataStream(BytesIO(raw[begin:at])))
                 except Exception:  # the library lets struct's and the codec's errors through
                     self.damaged += 1
-                    return defaultdict(lambda: ([], []))
+                    return _found()
                 known[record.id] = record
         return found
-
-
-@cache
-def _reader() -> Any:
-    """The library's reader, which passes over message indexes: it would unpack them number by number."""
-    from mcap.opcode import Opcode
-    from mcap.stream_reader import StreamReader
-
-    class Reader(StreamReader):
-        def _read_record(self, opcode: int, length: int) -> Any:
-            return None if opcode == Opcode.MESSAGE_INDEX else super()._read_record(opcode, length)
-
-    return Reader
 
 
 def _inflated(chunk: Any, size: int) -> bytes | None:

@@ -36,16 +36,7 @@ def grid_steps(time, period, rest, kept):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy")
 def grid_numbers(time, period):  # type: ignore[no-untyped-def]
-    """Whole numbers that add up to the steps of time in periods, and grow from row to row.
-
-    Parameters
-    ----------
-    time : (n,) s, one row or more. period : s, nominal.
-
-    Returns
-    -------
-    (n,) integers.
-    """
+    """(n,) whole numbers that add up to the (n,) steps of time in periods, and grow from row to row."""
     steps, _ = grid_steps(time, period, 0.0, _KEPT)
     numbers = np.empty(time.size, np.int64)
     numbers[0] = 0

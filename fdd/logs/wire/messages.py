@@ -2,42 +2,40 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
 import numpy as np
+import orjson
 
 from fdd.bounds import DEEPEST_MESSAGE, MOST_ELEMENTS, MOST_FIELDS, MOST_SCHEMA_FILES
-from fdd.logs.wire.chunks import Batch
-from fdd.logs.wire.json_messages import json_objects, schema_units
 from fdd.logs.wire.ros_messages import ros_decoder
 from fdd.samples import Column
 
 FieldPath = tuple[str | int, ...]
 """Keys and indices from the message down to a number."""
+Decode = Callable[[Sequence[bytes]], Sequence[Any]]
+"""Payloads to mappings or Protobuf messages, nested, with lists; ValueError of a damaged one."""
 _LOOKED_AT = 20
 """Messages whose fields are offered."""
+_UNIT_KEYS = ("unit", "units", "x-unit")
 
 
 @dataclass(frozen=True)
 class Decoder:
-    """Reads the messages of one channel.
+    """Reads the messages of one channel; `units` by path, as the schema gives them."""
 
-    Attributes
-    ----------
-    decode : payloads to mappings or Protobuf messages, with others and lists of them inside; raises
-        ValueError of a damaged one. units : by path, as the schema gives them.
-    """
-
-    decode: Callable[[Sequence[bytes]], Sequence[Any]]
+    decode: Decode
     units: Mapping[FieldPath, str] = field(default_factory=dict)
 
-    def fields(self, first: Batch) -> dict[FieldPath, str | None]:
+    def fields(self, payloads: Sequence[bytes]) -> dict[FieldPath, str | None]:
         """The numbers in the first messages, and their units."""
         messages: list[Any] = []
-        for payload in first.payloads[:_LOOKED_AT]:
+        for payload in payloads[:_LOOKED_AT]:
             try:
                 messages += self.decode([payload])
             except ValueError:  # of a later one it is told when it is read
@@ -46,14 +44,14 @@ class Decoder:
         found = (path for message in messages for path in _paths(message, ()))
         return {path: self.units.get(path) for path in islice(dict.fromkeys(found), MOST_FIELDS)}
 
-    def columns(self, batch: Batch, paths: Sequence[FieldPath]) -> list[Column]:
+    def columns(self, payloads: Sequence[bytes], paths: Sequence[FieldPath]) -> list[Column]:
         """(n,) numbers of each path, NaN where a message lacks it.
 
         Raises
         ------
         ValueError : a message is damaged, or holds something else than numbers there.
         """
-        messages = self.decode(batch.payloads) if paths else []
+        messages = self.decode(payloads) if paths else []
         return [_numbers(messages, path) for path in paths]
 
 
@@ -71,7 +69,7 @@ def decoder_of(channel: Any, schema: Any) -> Decoder:
     encoding, data = channel.message_encoding, b"" if schema is None else bytes(schema.data)
     kind = "" if schema is None else schema.encoding
     if encoding == "json":
-        return Decoder(json_objects, schema_units(data) if kind == "jsonschema" else {})
+        return Decoder(_json_objects, _schema_units(data) if kind == "jsonschema" else {})
     if encoding == "protobuf" and kind == "protobuf":
         return Decoder(_protobuf_decoder(schema.name, data))
     if (encoding, kind) in (("cdr", "ros2msg"), ("ros1", "ros1msg")):
@@ -79,7 +77,55 @@ def decoder_of(channel: Any, schema: Any) -> Decoder:
     raise ValueError(f"carries {encoding or 'unnamed'} messages{f' with a schema in {kind}' if kind else ''}")
 
 
-def _protobuf_decoder(name: str, schema: bytes) -> Callable[[Sequence[bytes]], list[Any]]:
+def objects_at_once(payloads: Sequence[bytes]) -> list[dict[str, Any]] | None:
+    """Parse one JSON object from each payload in a single call; None where any is something else."""
+    joined = b"[" + b",".join(payloads) + b"]"
+    try:
+        found = orjson.loads(joined)
+    except orjson.JSONDecodeError:
+        # Python's own takes NaN and integers of any size, at several times the cost.
+        try:
+            found = json.loads(joined)
+        except (ValueError, RecursionError):
+            return None
+    # One payload may hold two objects with a comma between them.
+    whole = len(found) == len(payloads) and all(type(one) is dict for one in found)
+    return list(found) if whole else None
+
+
+def _json_objects(payloads: Sequence[bytes]) -> list[dict[str, Any]]:
+    return objects_at_once(payloads) or [_object(p) for p in payloads]
+
+
+def _object(text: bytes) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"not JSON ({type(error).__name__}): {text[:40]!r}") from None
+    if not isinstance(found, dict):
+        raise ValueError(f"not a JSON object: {text[:40]!r}")
+    return found
+
+
+def _schema_units(schema: bytes) -> dict[FieldPath, str]:
+    """Path of a number to the unit that a JSON Schema gives; nothing of a text that is none."""
+    with suppress(ValueError, RecursionError):
+        return dict(_units_below(json.loads(schema), ()))
+    return {}
+
+
+def _units_below(node: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:
+    if not isinstance(node, dict) or len(path) > DEEPEST_MESSAGE:
+        return
+    unit = next((node[k] for k in _UNIT_KEYS if isinstance(node.get(k), str)), None)
+    if unit and path:
+        yield path, unit
+    members = node.get("properties")
+    for key, inner in members.items() if isinstance(members, dict) else ():
+        yield from _units_below(inner, (*path, str(key)))
+
+
+def _protobuf_decoder(name: str, schema: bytes) -> Decode:
     """`schema` is a serialised ``google.protobuf.FileDescriptorSet``."""
     from google.protobuf import descriptor_pb2, descriptor_pool, message, message_factory
 
@@ -125,7 +171,8 @@ def _members(value: Any) -> Iterator[tuple[str | int, Any]]:
         for one in kind.fields:
             inner = one.message_type
             is_map = inner is not None and inner.GetOptions().map_entry
-            if not is_map and (inner is None or _repeated(one) or value.HasField(one.name)):
+            repeated = one.is_repeated if hasattr(one, "is_repeated") else one.label == one.LABEL_REPEATED
+            if not is_map and (inner is None or repeated or value.HasField(one.name)):
                 yield one.name, getattr(value, one.name)
     elif _is_list(value):
         yield from enumerate(islice(value, MOST_ELEMENTS))
@@ -133,10 +180,6 @@ def _members(value: Any) -> Iterator[tuple[str | int, Any]]:
 
 def _is_list(value: Any) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
-
-
-def _repeated(one: Any) -> bool:
-    return bool(one.is_repeated) if hasattr(one, "is_repeated") else one.label == 3
 
 
 def _numbers(messages: Sequence[Any], path: FieldPath) -> Column:

@@ -16,7 +16,7 @@ from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text
 from fdd.logs import ChannelMap, read_log
-from fdd.logs.stamps import nominal_period
+from fdd.logs.quality import nominal_period
 from fdd.monitor.clock import WallClock
 from fdd.monitor.sources import Replay
 from fdd.samples import Samples
