@@ -60,9 +60,9 @@ def departures(
         joint[mine] += information
         lost[mine] += less
     size = np.linalg.solve(joint, score[..., None])[:, 0, 0]
-    along = np.linalg.inv(joint)[:, :, 0]
-    information = 1.0 / along[:, 0]
-    along = along * information[:, None]
+    inverse = np.linalg.inv(joint)[:, :, 0]
+    information = 1.0 / inverse[:, 0]
+    along = inverse * information[:, None]  # the known ones follow the first
     share = np.einsum("fp,fpq,fq->f", along, lost, along) / information
     return Departures(np.asarray(size), np.asarray(information), np.asarray(share))
 
