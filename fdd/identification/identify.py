@@ -249,7 +249,7 @@ def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
             mend="check units and signs in the channel map, or give a fitting base profile",
         )
     sharp = GAIN_SHARP * tolerance(writer.base, "pump.displacement")
-    if not _better(fit.displacement, writer.base.pump.displacement, sharp):
+    if not _better(writer, fit.displacement, writer.base.pump.displacement, sharp):
         _keep_gain(writer, f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base")
         return
     writer.put("pump.displacement", fit.displacement, "displacement over area_1, which stays the base's")
@@ -274,12 +274,12 @@ def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | No
     extra, extra_of_case = (HIDDEN_LEAKAGE, HIDDEN_CASE) if hidden else (0.0, 0.0)
     total = fit.total_leakage.wider(extra)
     known = writer.base.pump.total_leakage
-    if total.value <= LEAST_LEAKAGE * known or not _better(total, known, LEAKAGE_SHARP):
+    enough = total.value > LEAST_LEAKAGE * known
+    if not (enough and _better(writer, total, known, LEAKAGE_SHARP, "leakage")):
         why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
         writer.keep("pump.cross_port_leakage", why)
         writer.keep("pump.case_leakage", why)
         return
-    _warn_if_far(writer, "leakage", total.value / known if known > 0.0 else np.inf)
     writer.result.leakage = total
     note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
     writer.put("pump.cross_port_leakage", fit.cross_port.wider(extra), note)
@@ -295,11 +295,11 @@ def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | No
 
 def _put_compressibility(writer: ProfileWriter, found: Hydraulics) -> None:
     fit, beta, pressure = found.fit, found.bulk_modulus, found.logs.pressure
-    if fit.signal_over_noise < LEAST_SIGNAL or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
+    seen, known = fit.signal_over_noise >= LEAST_SIGNAL, writer.base.oil.bulk_modulus
+    if not (seen and _better(writer, beta, known, BULK_SHARP, "bulk modulus")):
         told = f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough"
         writer.keep("oil.bulk_modulus", f"{told} (pressure changes over noise {fit.signal_over_noise:.1f})")
         return
-    _warn_if_far(writer, "bulk modulus", beta.value / writer.base.oil.bulk_modulus)
     level = "with the volumes found" if found.volumes_found else "volumes stay the base's"
     writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
     writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
@@ -312,17 +312,17 @@ def _put_compressibility(writer: ProfileWriter, found: Hydraulics) -> None:
     )
 
 
-def _warn_if_far(writer: ProfileWriter, quantity: str, ratio: float) -> None:
-    if np.isfinite(ratio) and not 1.0 / SURPRISING < ratio < SURPRISING:
+def _better(writer: ProfileWriter, estimate: Estimate, base: float, sharp: float, quantity: str = "") -> bool:
+    """Whether to take an estimate: it is sharp, or the base is surely farther off; a note where it is far."""
+    if not (estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std):
+        return False
+    ratio = estimate.value / base if base > 0.0 else 1.0
+    if quantity and not 1.0 / SURPRISING < ratio < SURPRISING:
         writer.note(
             f"{quantity} is {ratio:.2g} times that of base {writer.base.name}: another kind of unit, or a "
             "pressure in the wrong unit of measure"
         )
-
-
-def _better(estimate: Estimate, base: float, sharp: float) -> bool:
-    """Whether to take an estimate: it is sharp, or the base is surely farther off."""
-    return estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std
+    return True
 
 
 def _charge(writer: ProfileWriter, records: list[Record]) -> None:

@@ -23,7 +23,6 @@ from fdd.identification.experiments.outcome import (
     cloud,
     curve_line,
     figure,
-    joined,
     points,
 )
 from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hydraulics
@@ -42,6 +41,7 @@ from fdd.identification.volume_steps import (
 from fdd.identification.volumes import VOLUME_SPREAD
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
+from fdd.report.words import listed
 from fdd.residuals.oil import air_compliance, modulus_at, pressure_of_compliance
 from fdd.unit import Unit
 
@@ -68,7 +68,15 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
     out = Outcome("bulk-modulus", "Effective bulk modulus")
     found, notes = _fitted(records, unit, None)
     if found is None:
-        out.not_told.append(f"Bulk modulus: {_never_shut(records)}")
+        higher = [
+            r.smooth(np.maximum(r.pressure_1, r.pressure_2), SMOOTHING) - r.accumulator for r in records
+        ]
+        share = float(np.mean(np.concatenate(higher) > REFEED_MARGIN))
+        out.not_told.append(
+            f"Bulk modulus: the higher chamber is {REFEED_MARGIN / 1e5:.1f} bar above the accumulator, so "
+            f"that its refeeding valve is surely shut, in {100 * share:.0f} % of the time, and too seldom "
+            "while it moves. Load the actuator, or map the chambers' pressures."
+        )
         return out
     reference = found.logs.pressure
     while _at_bound(found) and found.logs.pressure < MOST_REFERENCE:
@@ -100,13 +108,13 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
         value, std = _at(found, level)
         note = f"profile {figure(BAR * modulus_at(unit.oil, level))} bar"
         quantity = f"effective bulk modulus at {BAR * level:.3g} bar"
-        out.told.insert(place, Told.normal(quantity, value, std, "Pa", note))
+        out.told.insert(place, Told.within(quantity, value, NORMAL_95 * std, "Pa", note))
     _draw(out, found, rows, unit, low, high)
     out.notes.append(
-        f"{fit.rows} steps of {joined([f'{s:.3g}' for s in STEPS])} s in which a chamber is neither refed "
-        "nor relieved; leakage, pump displacement and free air were fitted with it. Pressures are gauge; "
-        "free air is over the oil's volume, at atmospheric pressure. What hoses and walls give is in the "
-        "modulus. Intervals of steps alone leave out what the volumes are uncertain by."
+        f"{fit.rows} steps of {listed([f'{s:.3g}' for s in STEPS], 'and')} s in which a chamber is neither "
+        "refed nor relieved; leakage, pump displacement and free air were fitted with it. Pressures are "
+        "gauge; free air is over the oil's volume, at atmospheric pressure. What hoses and walls give is in "
+        "the modulus. Intervals of steps alone leave out what the volumes are uncertain by."
     )
     out.notes += [n for n in notes if "volume" in n or "chamber pressures" in n]
     return out
@@ -158,18 +166,7 @@ class _Rows:
         return 1.0 / value, 1.0 / (value + half), 1.0 / max(value - half, 0.1 * value)
 
 
-def _never_shut(records: list[Record]) -> str:
-    """Why there are too few steps."""
-    higher = [r.smooth(np.maximum(r.pressure_1, r.pressure_2), SMOOTHING) - r.accumulator for r in records]
-    share = float(np.mean(np.concatenate(higher) > REFEED_MARGIN))
-    return (
-        f"the higher chamber is {REFEED_MARGIN / 1e5:.1f} bar above the accumulator, so that its refeeding "
-        f"valve is surely shut, in {100 * share:.0f} % of the time, and too seldom while it moves. Load the "
-        "actuator, or map the chambers' pressures."
-    )
-
-
-def over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
+def _over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
     """Bulk modulus and its standard deviation (Pa), both (n,), at gauge `pressure` (n,) Pa."""
     index, fit = found.base.oil.polytropic_index, found.fit
     more = air_compliance(pressure, index) - float(air_compliance(found.logs.pressure, index))
@@ -182,8 +179,8 @@ def over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
 
 
 def _at(found: Hydraulics, pressure: float) -> tuple[float, float]:
-    """As `over_pressure`, at one."""
-    value, std = over_pressure(found, np.array([pressure]))
+    """As `_over_pressure`, at one."""
+    value, std = _over_pressure(found, np.array([pressure]))
     return float(value[0]), float(std[0])
 
 
@@ -227,7 +224,7 @@ def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, 
                    f"profile, {usual}", tr.VERMILLION, "dash"),
     ]  # fmt: skip
     pressure = np.linspace(low, high, 80)
-    beta, std = over_pressure(found, pressure)
+    beta, std = _over_pressure(found, pressure)
     band = NORMAL_95 * std
     profile = np.array([modulus_at(unit.oil, float(p)) for p in pressure])
     lower, upper = beta - band, beta + band
