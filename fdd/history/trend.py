@@ -168,10 +168,10 @@ def _tell(trend: Trend, per: str) -> None:
     """The trend in one sentence; without one, nothing comes to a limit."""
     if trend.slope is None or trend.slope_interval is None:
         return
-    # The time in which the slope is told: a change of some percent.
-    units = ((1.0 / 24.0, "hour"), (1.0, "day"), (30.0, "30 days"))
-    factor, unit = next((u for u in units if abs(trend.slope) * u[0] > 1e-3), (365.25, "year"))
-    factor, unit = (factor, unit) if per == "day" else (1.0, "log")
+    factor, unit = 1.0, "log"
+    if per == "day":  # the time in which it changes by some percent
+        units = ((1.0 / 24.0, "hour"), (1.0, "day"), (30.0, "30 days"))
+        factor, unit = next((u for u in units if abs(trend.slope) * u[0] > 1e-3), (365.25, "year"))
     low, high = (100.0 * factor * x for x in trend.slope_interval)
     slope = f"{100.0 * factor * trend.slope:+.3g} % per {unit} ({low:+.3g} to {high:+.3g}, 95 %)"
     slope = slope.replace("-", "−")
