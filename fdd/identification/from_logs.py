@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -194,7 +194,7 @@ def add_logs(
         )
         old_std, std = (float(np.sqrt(b.balances[balance].covariance[k][k])) for b in (before, after))
         rows.append(TableRow(quantity, "of the profile's", old, new, std, f"± {1.96 * old_std:.2g} before"))
-    return Identification(found.unit, found.table, found.notes, rows), unit
+    return replace(found, balances=rows, leakage=None), unit
 
 
 def _origin_of(

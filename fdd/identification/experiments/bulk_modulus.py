@@ -14,7 +14,7 @@ from fdd.identification.balance import LEAST_AIR
 from fdd.identification.experiments.outcome import NORMAL_95, Outcome, axes, cloud, curve_line, figure
 from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hydraulics
 from fdd.identification.least_squares import jackknife_std
-from fdd.identification.profile import ProfileWriter
+from fdd.identification.profile import Identification
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import (
     AIR,
@@ -106,8 +106,8 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
 
 def _fitted(records: list[Record], unit: Unit, pressure: float | None) -> tuple[Hydraulics | None, list[str]]:
     """The balances' fit with compressibility referred to `pressure`, and its notes."""
-    writer = ProfileWriter(unit.model_copy(deep=True), unit, "")
-    return hydraulics(writer, records, pressure), writer.result.notes
+    profile = Identification(unit.model_copy(deep=True), unit, "")
+    return hydraulics(profile, records, pressure), profile.notes
 
 
 def _at_bound(found: Hydraulics) -> bool:
