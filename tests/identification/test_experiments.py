@@ -25,6 +25,9 @@ from reports.thesis.runs import VOLT, identification_volts, run_speed
 
 T = 1.0 / 400.0
 GAIN, HZ, ZETA = 3.66e-4, 55.0, 0.12
+OMEGA = 2.0 * np.pi * HZ
+TOP, BOTTOM, _ = cont2discrete(([OMEGA**2 * GAIN], [1.0, 2.0 * ZETA * OMEGA, OMEGA**2]), T, method="zoh")
+TOP = np.ravel(TOP)
 RUNS = 20
 SPEEDS = {"name": "constant_speed", "amplitude": 0.05, "turn": 6.0}
 SLOW_TO_FAST = (5.0, 8.0, 20.0, 40.0, 80.0, 150.0, 250.0)
@@ -32,12 +35,11 @@ SLOW_TO_FAST = (5.0, 8.0, 20.0, 40.0, 80.0, 150.0, 250.0)
 
 def second_order(noise: float, seed: int, rows: int = 6000, delay: int = 0) -> Series:
     """A pole pair behind a held input, its output in coloured noise, discretised by SciPy."""
-    rng, omega = np.random.default_rng(seed), 2.0 * np.pi * HZ
-    top, bottom, _ = cont2discrete(([omega**2 * GAIN], [1.0, 2.0 * ZETA * omega, omega**2]), T, method="zoh")
+    rng = np.random.default_rng(seed)
     given = 50.0 * np.repeat(rng.choice([-1.0, 1.0], rows // 4), 4)
     late = np.concatenate([np.zeros(delay), given])[:rows]
     coloured = lfilter([1.0, 0.3], [1.0, -0.9], rng.standard_normal(rows))
-    caused = lfilter(np.ravel(top), bottom, late) + noise * coloured
+    caused = lfilter(TOP, BOTTOM, late) + noise * coloured
     return Series(given, caused, np.arange(rows) > 50)
 
 
@@ -75,11 +77,8 @@ def test_the_measured_response_has_the_true_one_in_its_band():
     for seed in range(5):
         s = second_order(2e-3, seed, rows=20_000)
         found = welch([s], T, 1.0)
-        omega, z = 2.0 * np.pi * HZ, np.exp(2j * np.pi * found.frequency * T)
-        top, bottom, _ = cont2discrete(
-            ([omega**2 * GAIN], [1.0, 2 * ZETA * omega, omega**2]), T, method="zoh"
-        )
-        true = np.polyval(np.ravel(top), z) / np.polyval(bottom, z)
+        z = np.exp(2j * np.pi * found.frequency * T)
+        true = np.polyval(TOP, z) / np.polyval(BOTTOM, z)
         inside += int(np.count_nonzero(np.abs(found.response - true) < found.radius))
         count += found.frequency.size
     assert 0.85 < inside / count < 0.99

@@ -215,9 +215,6 @@ def test_a_spring_on_every_stroke_is_not_taken_for_friction(cases: dict[int, Cas
         assert getattr(found.unit.friction, direction).coulomb < 400.0
 
 
-# --- refusals: one line that names the problem
-
-
 def refused(logs: list[Samples], base: Unit) -> str:
     with pytest.raises(InputError) as error:
         identify_unit(logs, base)

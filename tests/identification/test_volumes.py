@@ -91,9 +91,6 @@ def test_a_pressure_difference_alone_tells_no_volumes() -> None:
     assert any("volumes stay the base's" in note for note in found.notes)
 
 
-# A gain that no volume explains
-
-
 @cache
 def halved() -> tuple[Unit, Identification]:
     """A unit of half the volumes and half the bulk modulus: in mid-stroke as compliant as its base."""
@@ -165,9 +162,6 @@ def test_a_volume_is_believed_within_three_standard_deviations_of_the_bases(
         assert unit.cylinder.volume_1 == pytest.approx(1.1 * before / shrink)
         assert unit.cylinder.volume_2 == pytest.approx(0.9 * before / shrink)
         assert unit.cylinder.position_compliance == pytest.approx(1.0 if of_volume else value)
-
-
-# In profile and model
 
 
 def test_profiles_without_it_are_those_of_rigid_walls() -> None:
