@@ -69,7 +69,7 @@ def test_each_entry_says_what_severity_one_means(entry: Fault) -> None:
     for amount in entry.amounts:
         assert amount.words() in fixed
         fixed = fixed.replace(amount.words(), "")
-    assert "m³/" not in fixed, "a flow or leakage goes with the machine's size"
+    assert " m³/" not in fixed, "a flow or leakage goes with the machine's size"
     assert entry.source, "where does that scale come from?"
     assert entry.plant and entry.title and (entry.thesis or entry.id in ADDED_BY)
     for variant in entry.variants:
