@@ -116,8 +116,8 @@ def fit_friction(
     if free is None:
         return FrictionFit(None, None, [])
     motion, found, notes = free
-    forward = fit_branch(motion, 1.0, base.forward, found[0], zero_force)
-    return FrictionFit(forward, fit_branch(motion, -1.0, base.reverse, found[1], zero_force), notes)
+    forward = _branch(motion, 1.0, base.forward, found[0], zero_force)
+    return FrictionFit(forward, _branch(motion, -1.0, base.reverse, found[1], zero_force), notes)
 
 
 def steady_motion(records: list[Record], cylinder: Cylinder) -> Motion:
@@ -242,7 +242,7 @@ def _through_gusts(motion: Motion, base: Friction, zero_force: float) -> Frictio
     return FrictionFit(fits[0], fits[1], [f"{told}: its curves were scaled"])
 
 
-def fit_branch(
+def _branch(
     motion: Motion, sign: float, base: FrictionBranch, centre: float, zero_force: float
 ) -> BranchFit | None:
     """One direction's curve: non-negative least squares over speed bins, drawn to the scaled base."""

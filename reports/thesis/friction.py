@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
+from fdd.identification.experiments.friction import fit_curve
 from fdd.identification.friction import curve
 from fdd.plant.details import Details
 from fdd.plant.simulate import Simulation
@@ -200,42 +200,6 @@ def start_of(mode: Mode, friction: Array) -> tuple[FrictionBranch, tuple[str, ..
     start = _branch(0.5 * float(np.min(friction)), mode.branch.static, 0.02, 0.7, 100.0 if viscous else 0.0)
     free = ("coulomb", "stribeck_velocity", "stribeck_exponent")
     return start, (*free, "viscous") if viscous else free
-
-
-def fit_curve(speed: Array, friction: Array, start: FrictionBranch, free: tuple[str, ...]) -> FrictionBranch:
-    """Least squares of eq. 5.12.
-
-    Parameters
-    ----------
-    speed, friction : (n,) m/s and N.
-    start : first guess, and the coefficients that are given.
-    free : the coefficients to fit.
-
-    Examples
-    --------
-    >>> v = np.linspace(0.01, 0.2, 50)
-    >>> start = FrictionBranch(
-    ...     coulomb=50.0, static=400.0, stribeck_velocity=0.01, stribeck_exponent=1.0, viscous=0.0)
-    >>> free = ("coulomb", "stribeck_velocity", "stribeck_exponent")
-    >>> found = fit_curve(v, 100.0 + 300.0 * np.exp(-((v / 0.02) ** 0.7)), start, free)
-    >>> round(found.coulomb, 3), round(found.stribeck_velocity, 5), round(found.stribeck_exponent, 3)
-    (100.0, 0.02, 0.7)
-    """
-    low = {"stribeck_velocity": 1e-4, "stribeck_exponent": 0.1}
-    high = {"stribeck_velocity": 0.2, "stribeck_exponent": 3.0}
-    scale = {"stribeck_velocity": 0.01, "stribeck_exponent": 1.0}
-
-    def branch(theta: Array) -> FrictionBranch:
-        return start.model_copy(update=dict(zip(free, theta.tolist(), strict=True)))
-
-    bounds = ([low.get(n, 0.0) for n in free], [high.get(n, np.inf) for n in free])
-    first = np.clip([getattr(start, n) for n in free], bounds[0], bounds[1])
-    solved = least_squares(
-        lambda theta: curve(branch(theta), speed) - friction,
-        first, bounds=bounds, x_scale=[scale.get(n, 100.0) for n in free],
-        max_nfev=2000, xtol=1e-12, ftol=1e-12,
-    )  # fmt: skip
-    return branch(solved.x)
 
 
 def at_speeds(speed: Array, friction: Array, grid: Array) -> Array:

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from fdd.identification.experiments.friction import fit_curve
 from fdd.identification.experiments.response import Coefficients
 from fdd.identification.friction import curve
 from fdd.unit import Unit
 from reports.thesis import control, dead_band, flow
 from reports.thesis.frequency_response import TransferFunction
-from reports.thesis.friction import MODES, creeping_peaks, fit_curve, run_up, start_of
+from reports.thesis.friction import MODES, creeping_peaks, run_up, start_of
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_poles
 from reports.thesis.runs import (
     VOLT,

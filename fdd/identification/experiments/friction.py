@@ -1,7 +1,4 @@
-"""Friction over velocity from one's own strokes, each direction apart (thesis 5.3).
-
-The curves are those that identification fits; beside them stands what each speed says alone.
-"""
+"""Friction over velocity from one's own strokes, each direction apart (thesis 5.3)."""
 
 from __future__ import annotations
 
@@ -9,23 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from fdd.identification.experiments.outcome import Outcome, axes, cloud, curve_line, figure, points
-from fdd.identification.friction import (
-    BranchFit,
-    Motion,
-    curve,
-    fit_branch,
-    gusty,
-    near_curve,
-    steady_motion,
-    unloaded_motion,
-)
-from fdd.identification.least_squares import jackknife_std
+from fdd.identification.experiments.outcome import NORMAL_95, Outcome, Told, axes, cloud, curve_line, points
+from fdd.identification.friction import Motion, curve, gusty, near_curve, steady_motion, unloaded_motion
 from fdd.identification.record import Record
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
+from fdd.report.words import listed
 from fdd.unit import FrictionBranch, Unit
 
 Array = NDArray[np.float64]
@@ -35,14 +24,56 @@ BINS = np.geomspace(1e-3, 2.0, 34)
 LEAST_WINDOWS = 5
 """Of 40 ms that a bin needs."""
 LEAST_BINS = 3
-GROUPS = 12
-"""Of the jackknife over blocks of 2 s."""
-SHARP = 0.25
-"""Relative standard deviation up to which a coefficient counts as told."""
+REPEATS = 100
+"""Of the bootstrap over blocks of 2 s."""
+SHARP = 0.5
+"""Half width of an interval over its value up to which a coefficient counts as told."""
 SLOW, FAST = 1.0, 3.0
 """Times the profile's Stribeck velocity that the slowest and the fastest strokes must reach at least."""
 ZERO_PRESSURE = 3.0e3
 """Pa, standard deviation of a pressure sensor's zero."""
+COEFFICIENTS = {
+    "coulomb": ("Coulomb friction", "N"), "static": ("static friction", "N"),
+    "stribeck_velocity": ("Stribeck velocity", "m/s"), "viscous": ("viscous friction", "N*s/m"),
+}  # fmt: skip
+
+
+def fit_curve(
+    speed: Array, friction: Array, start: FrictionBranch, free: tuple[str, ...], std: Array | float = 1.0
+) -> FrictionBranch:
+    """Least squares of eq. 5.12.
+
+    Parameters
+    ----------
+    speed, friction : (n,) m/s and N. std : (n,) N, of each.
+    start : first guess, and the coefficients that are given.
+    free : the coefficients to fit.
+
+    Examples
+    --------
+    >>> v = np.linspace(0.01, 0.2, 50)
+    >>> start = FrictionBranch(
+    ...     coulomb=50.0, static=400.0, stribeck_velocity=0.01, stribeck_exponent=1.0, viscous=0.0)
+    >>> free = ("coulomb", "stribeck_velocity", "stribeck_exponent")
+    >>> found = fit_curve(v, 100.0 + 300.0 * np.exp(-((v / 0.02) ** 0.7)), start, free)
+    >>> round(found.coulomb, 3), round(found.stribeck_velocity, 5), round(found.stribeck_exponent, 3)
+    (100.0, 0.02, 0.7)
+    """
+    low = {"stribeck_velocity": 1e-4, "stribeck_exponent": 0.1}
+    high = {"stribeck_velocity": 0.2, "stribeck_exponent": 3.0}
+    scale = {"stribeck_velocity": 0.01, "stribeck_exponent": 1.0}
+
+    def branch(theta: Array) -> FrictionBranch:
+        return start.model_copy(update=dict(zip(free, theta.tolist(), strict=True)))
+
+    bounds = ([low.get(n, 0.0) for n in free], [high.get(n, np.inf) for n in free])
+    first = np.clip([getattr(start, n) for n in free], bounds[0], bounds[1])
+    solved = least_squares(
+        lambda theta: (curve(branch(theta), speed) - friction) / std,
+        first, bounds=bounds, x_scale=[scale.get(n, 100.0) for n in free],
+        max_nfev=2000, xtol=1e-12, ftol=1e-12,
+    )  # fmt: skip
+    return branch(solved.x)
 
 
 def friction(records: list[Record], unit: Unit) -> Outcome:
@@ -67,68 +98,86 @@ def friction(records: list[Record], unit: Unit) -> Outcome:
         out.notes.append("The measured load force was taken off.")
     out.notes.append(
         "Force is pressures times areas less mass times acceleration over 40 ms of steady motion. The "
-        "Stribeck velocity and exponent stay the profile's: a log does not tell them apart. Coefficients "
-        "trade off against each other; compare curves."
+        "Stribeck exponent stays the profile's: a log does not tell it apart from the Stribeck velocity. "
+        "Coefficients trade off against each other; compare curves."
     )
-    out.heads = ("direction", "speed", "friction", "95 %", "fitted", "profile", "time")
+    out.heads = ("direction", "speed", "friction", "95 %", "profile", "time")
     ways = ((1.0, "forward", tr.BLUE), (-1.0, "reverse", tr.VERMILLION))
     for (sign, name, colour), centre in zip(ways, centres, strict=True):
-        base: FrictionBranch = getattr(unit.friction, name)
-        fit = fit_branch(motion, sign, base, centre, ZERO_PRESSURE * area)
-        _direction(out, motion, near_curve(motion, sign, base, centre), fit, base, name, colour, area)
+        branch: FrictionBranch = getattr(unit.friction, name)
+        _direction(out, motion, near_curve(motion, sign, branch, centre), branch, name, colour, area)
     return out
 
 
+def _binned(speed: Array, force: Array) -> tuple[Array, Array]:
+    """(k,) median speeds and forces of the bins with windows enough."""
+    which = np.digitize(speed, BINS)
+    bins = [which == b for b in np.flatnonzero(np.bincount(which) >= LEAST_WINDOWS)]
+    return np.array([np.median(speed[b]) for b in bins]), np.array([np.median(force[b]) for b in bins])
+
+
 def _direction(
-    out: Outcome, motion: Motion, kept: NDArray[np.bool_], fit: BranchFit | None, base: FrictionBranch,
-    name: str, colour: str, area: float,
+    out: Outcome, motion: Motion, kept: NDArray[np.bool_], base: FrictionBranch, name: str, colour: str,
+    area: float,
 ) -> None:  # fmt: skip
     speed, force, block = motion.speed[kept], motion.force[kept], motion.block[kept]
-    which = np.digitize(speed, BINS)
-    bins = np.flatnonzero(np.bincount(which) >= LEAST_WINDOWS)
-    if bins.size < LEAST_BINS or fit is None:
+    v, f = _binned(speed, force)
+    if v.size < LEAST_BINS:
         out.not_told.append(f"Friction {name}: steady motion at fewer than {LEAST_BINS} speeds.")
         return
-    v, f = (np.array([np.median(x[which == b]) for b in bins]) for x in (speed, force))
-    zero, half = ZERO_PRESSURE * area, np.empty(f.size)
-    for k, b in enumerate(bins):
-        inside, group = force[which == b], np.unique(block[which == b], return_inverse=True)[1] % GROUPS
-        groups = np.unique(group)
-        # A speed that came in one block alone scatters by what it is.
-        parts = [np.median(inside[group != g]) for g in groups] if groups.size > 1 else [f[k], 0.0]
-        scatter = float(jackknife_std(np.array(parts)))
-        half[k] = float(student.ppf(0.975, max(groups.size - 1, 1))) * np.hypot(scatter, zero)
+    # The coefficients that these speeds can tell; the profile's stand in for the rest.
+    slow, fast = v[0] <= SLOW * base.stribeck_velocity, v[-1] >= FAST * base.stribeck_velocity
+    free = ("coulomb", *(("static", "stribeck_velocity") if slow else ()), *(("viscous",) if fast else ()))
+    fit = fit_curve(v, f, base, free)
+    rng = np.random.default_rng(0)
+    names, where = np.unique(block, return_inverse=True)
+    rows = [np.flatnonzero(where == k) for k in range(names.size)]
+    curves, coefficients = [], []
+    for _ in range(REPEATS):
+        drawn = np.concatenate([rows[k] for k in rng.integers(0, names.size, names.size)])
+        vb, fb = _binned(speed[drawn], force[drawn])
+        if vb.size >= LEAST_BINS:
+            again = fit_curve(vb, fb, fit, free)
+            coefficients.append([getattr(again, n) for n in free])
+            curves.append(curve(again, v))
+    zero = ZERO_PRESSURE * area
+    wide = float(student.ppf(0.975, max(names.size - 1, 1))) * np.sqrt(names.size / max(names.size - 1, 1))
+    half = wide * np.hypot(np.std(curves, axis=0), zero)
+    on_curve = curve(fit, v)
+    vague = []
+    for n, std in zip(free, np.std(coefficients, axis=0), strict=True):
+        words, unit = COEFFICIENTS[n]
+        spread = wide / 1.96 * float(np.hypot(std, zero if unit == "N" else 0.0))
+        ours = Told.within("", getattr(base, n), 0.0, unit).shown()
+        told = Told.within(f"{words}, {name}", getattr(fit, n), NORMAL_95 * spread, unit,
+                           f"profile {ours[0]} {ours[2]}")  # fmt: skip
+        if told.high - told.value < SHARP * told.value:
+            out.told.append(told)
+        else:
+            vague.append(words)
     slowest, fastest, limit = 1e3 * v[0], 1e3 * v[-1], 1e3 * base.stribeck_velocity
-    slow, fast = slowest <= SLOW * limit, fastest >= FAST * limit
-    for coefficient, words, si, there in (
-        ("coulomb", "Coulomb friction", "N", True), ("static", "static friction", "N", slow),
-        ("viscous", "viscous friction", "N*s/m", fast),
-    ):  # fmt: skip
-        value, std = float(getattr(fit.branch, coefficient)), fit.stds[coefficient]
-        if there and std < SHARP * value:
-            ours = f"profile {figure(getattr(base, coefficient))} {si.replace('*', '·')}"
-            out.tell(f"{words}, {name}", value, std, si, ours)
-        elif there:
-            vague = f"{words[0].upper()}{words[1:]}, {name}"
-            out.not_told.append(f"{vague}: the log does not tell it to within half of the value.")
-    if not slow:
+    if slowest > SLOW * limit:
         out.not_told.append(
             f"No steady strokes {name} below {slowest:.3g} mm/s: the Stribeck part is not told "
             f"(the profile's Stribeck velocity is {limit:.3g} mm/s)."
         )
-    if not fast:
+    if fastest < FAST * limit:
         out.not_told.append(f"No strokes {name} above {fastest:.3g} mm/s: the viscous part is not told.")
-    columns = (v, f, half, curve(fit.branch, v), curve(base, v), np.bincount(which)[bins])
-    for vi, fi, hi, fitted, ours, count in zip(*columns, strict=True):
-        out.rows.append((
-            name, f"{1e3 * vi:.3g} mm/s", f"{fi:.0f} N", f"{fi - hi:.0f} … {fi + hi:.0f} N",
-            f"{fitted:.0f} N", f"{ours:.0f} N", f"{0.04 * count:.1f} s",
-        ))  # fmt: skip
-    out.curves[name] = {"speed": v, "friction": f, "low": f - half, "high": f + half, "fitted": columns[3]}
+    if vague:
+        said, they = listed(vague, "and"), "it" if len(vague) == 1 else "them"
+        out.not_told.append(
+            f"{said[0].upper()}{said[1:]}, {name}: the log does not tell {they} to within half of the value."
+        )
+    for vi, fi, hi, ours in zip(v, on_curve, half, curve(base, v), strict=True):
+        seconds = 0.04 * np.count_nonzero(np.digitize(speed, BINS) == np.digitize(vi, BINS))
+        out.rows.append((name, f"{1e3 * vi:.3g} mm/s", f"{fi:.0f} N", f"{fi - hi:.0f} … {fi + hi:.0f} N",
+                         f"{ours:.0f} N", f"{seconds:.1f} s"))  # fmt: skip
+    interval = {"low": on_curve - half, "high": on_curve + half}
+    out.curves[name] = {"speed": v, "friction": on_curve, **interval, "median": f}
     fine = np.geomspace(0.7 * v[0], 1.2 * v[-1], 200)
     data = [cloud(1e3 * speed, force, "40 ms of motion", tr.GREY),
             points(1e3 * v, f, f - half, f + half, "medians, 95 %", colour),
-            curve_line(1e3 * fine, curve(fit.branch, fine), "fitted", colour),
+            curve_line(1e3 * fine, curve(fit, fine), "fitted", colour),
             curve_line(1e3 * fine, curve(base, fine), "profile", tr.GREY, "dash")]  # fmt: skip
     layout = axes("speed (mm/s)", rangemode="tozero") | {"yaxis": {"rangemode": "tozero"}}
     out.figures.append(Figure(name, f"Friction, {name}", data, layout, "N", "", 340))
