@@ -44,9 +44,7 @@ def experiment(
         Literal["rate", "position", "pressure_difference"],
         typer.Option("--output", help="Of the frequency response; rate is the piston's velocity."),
     ] = "rate",
-    order: Annotated[
-        int | None, option("Poles of its models; by BIC from 1 to 4 else.", min=1, max=8)
-    ] = None,
+    order: Annotated[int | None, option("Poles of its model; by BIC from 1 to 4 else.", min=1, max=8)] = None,
     window: Annotated[
         float, typer.Option(min=0.05, max=60.0, help="s, windows of its measured spectra.")
     ] = 1.0,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
     from fdd.history.trend import Each
     from fdd.offline.diagnoser import Settings
-    from fdd.report.sheet import Sheet
+    from fdd.report.page import Sheet
     from fdd.unit import Unit
 
 UNREADABLE_STATUS = 2
@@ -41,7 +41,7 @@ def compare(
     from fdd.cli.which_logs import names_of
     from fdd.history.compare import Side
     from fdd.history.compare import compare as compared
-    from fdd.history.compare_view import compare_sheet
+    from fdd.history.view import compare_sheet
     from fdd.offline.diagnoser import Diagnoser, Job, Settings, unit_of
 
     require_outputs(json_, report)
@@ -89,12 +89,11 @@ def trend(
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
     from fdd.files import require_writable, write_text, written
-    from fdd.history.limits import given_limits, severity_one
-    from fdd.history.trend import trend_of
-    from fdd.history.trend_view import trend_csv, trend_sheet
+    from fdd.history.trend import given_limits, severity_one, trend_of
+    from fdd.history.view import trend_csv, trend_sheet
     from fdd.offline.diagnoser import Settings
+    from fdd.report.page import render_sheet
     from fdd.report.plotly import write_bundle
-    from fdd.report.sheet import render_sheet
 
     chosen = given_limits(limit or [])
     require_outputs(json_, report)
@@ -140,7 +139,7 @@ def _tell(answer: str, sheet: Sheet, json_: str | None, report: Path | None) -> 
     """An answer as data, as a page, and for people."""
     from fdd.cli.tables import print_sheet
     from fdd.files import write_text
-    from fdd.report.sheet import render_sheet
+    from fdd.report.page import render_sheet
 
     write_json(json_, answer)
     if report is not None:

@@ -17,7 +17,7 @@ from fdd.report.words import FindingWords, second_opinion_words, verdict_words
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
-    from fdd.report.sheet import Sheet
+    from fdd.report.page import Sheet
     from fdd.unit import Unit
 
 HARDEST = 5

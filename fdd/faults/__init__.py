@@ -14,12 +14,12 @@ from importlib import import_module
 from pkgutil import iter_modules
 
 from fdd.errors import InputError
-from fdd.faults.entry import FAMILIES, Columns, Effect, Fault, Figure, Healthy, Signature
+from fdd.faults.entry import FAMILIES, Amount, Columns, Effect, Fault, Figure, Healthy, Signature
 from fdd.packages import FAULTS, additions, left_out
 
 __all__ = [
-    "ADDED_BY", "CATALOGUE", "FAMILIES", "PROFILES", "Columns", "Effect", "Fault", "Figure", "Healthy",
-    "Signature", "fault", "faults_of", "unusable",
+    "ADDED_BY", "CATALOGUE", "FAMILIES", "PROFILES", "Amount", "Columns", "Effect", "Fault", "Figure",
+    "Healthy", "Signature", "fault", "faults_of", "unusable",
 ]  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """Case drain seal failure: oil goes from the ports into the case and so into the accumulator."""
 
-from fdd.faults.entry import ASSUMED, LEAKAGE, Effect, Fault, Figure, Signature
+from fdd.faults.entry import ASSUMED, LEAKAGE, Amount, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
     id="case_drain_seal_failure",
@@ -10,6 +10,7 @@ FAULT = Fault(
     thesis="Table 4.1",
     plant="case drain flow into the accumulator, its pressure rises",
     severity="case leakage of each port +24e-12 m³/(s·Pa)",
+    amounts=(Amount(24, "e-12 m³/(s·Pa)", "fault_leakage"),),
     source=ASSUMED,
     next_check="Lead the case drain into a measuring glass, run against a load and compare its flow with "
     "the pump's data sheet.",

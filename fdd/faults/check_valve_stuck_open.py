@@ -1,6 +1,6 @@
 """Check valve stuck open: one chamber stays connected to the inner circuit."""
 
-from fdd.faults.entry import ORIFICE_FLOW, Effect, Fault, Figure, Signature, each_side
+from fdd.faults.entry import ORIFICE_FLOW, Amount, Effect, Fault, Figure, Signature, each_side
 
 FAULT = Fault(
     id="check_valve_stuck_open",
@@ -10,6 +10,7 @@ FAULT = Fault(
     thesis="Table 4.1",
     plant="one chamber stays connected to the inner circuit and cannot build pressure",
     severity="passes 1e-4 m³/s at 1 MPa backwards (orifice)",
+    amounts=(Amount(1, "e-4 m³/s", "orifice"),),
     source="about the area of the refeeding valve's seat held fully open",
     next_check="Take that side's refeeding valve out and see whether its poppet closes: look for dirt on "
     "the seat and a broken spring.",

@@ -47,6 +47,25 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Amount:
+    """A size in the words of a severity that is another on a machine of another size.
+
+    Attributes
+    ----------
+    number, unit : as they stand there together, e.g. 12 and ``e-12 m³/(s·Pa)``, on the thesis's actuator.
+    grows : with which of a unit's own sizes (`fdd.residuals.quantities.Scales`).
+    """
+
+    number: float
+    unit: str
+    grows: Literal["fault_leakage", "orifice", "pressure"]
+
+    def words(self, factor: float = 1.0) -> str:
+        """Number and unit, of a machine on which it is `factor` times as large."""
+        return f"{factor * self.number:.3g}{self.unit}"
+
+
+@dataclass(frozen=True)
 class Effect:
     """How one parameter of the plant changes with the severity s.
 
@@ -174,6 +193,7 @@ class Fault:
     plant : what it does to the plant, in words.
     severity : what severity 1.0 means, in physical units, on an actuator of the thesis's size; campaigns
         scale it for machines of other sizes (`fdd.campaign.sizes.Scale.fault_scales`).
+    amounts : what of that is another on another machine; reports say its own.
     source : where that scale comes from, or that it is an assumption.
     next_check : what a technician does to confirm it, one sentence.
     variants, sides : choices that the injection takes; the first is the default.
@@ -200,6 +220,7 @@ class Fault:
     effects: tuple[Effect, ...] = ()
     in_measurement: bool = False
     signatures: tuple[Signature, ...] = ()
+    amounts: tuple[Amount, ...] = ()
     rank: int = 99
 
     @property

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from functools import partial
 
-from fdd.faults.entry import ASSUMED, LEAKAGE, Columns, Effect, Fault, Figure, Healthy, Signature, each_side
+from fdd.faults.entry import (
+    ASSUMED,
+    LEAKAGE,
+    Amount,
+    Columns,
+    Effect,
+    Fault,
+    Figure,
+    Healthy,
+    Signature,
+    each_side,
+)
 
 
 def _chamber(side: int, unit: Healthy) -> Columns:
@@ -20,6 +31,7 @@ FAULT = Fault(
     thesis="Table 4.1, 4.6.2",
     plant="flow from one chamber to the outside; the accumulator drains",
     severity="6e-12 m³/(s·Pa) from one chamber to the outside",
+    amounts=(Amount(6, "e-12 m³/(s·Pa)", "fault_leakage"),),
     source=ASSUMED,
     next_check="Wipe that chamber's fittings, hoses and rod seal dry, hold pressure in it for some "
     "minutes and look for fresh oil.",

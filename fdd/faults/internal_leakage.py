@@ -1,6 +1,6 @@
 """Internal leakage: across the pump's ports, from one chamber to the other."""
 
-from fdd.faults.entry import LEAKAGE, SHARE, Effect, Fault, Figure, Signature
+from fdd.faults.entry import LEAKAGE, SHARE, Amount, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
     id="internal_leakage",
@@ -10,6 +10,7 @@ FAULT = Fault(
     thesis="4.6.8",
     plant="more flow across the ports, laminar plus orifice",
     severity="cross-port leakage +12e-12 m³/(s·Pa) at 1 MPa, a tenth of it through an orifice",
+    amounts=(Amount(12, "e-12 m³/(s·Pa)", "fault_leakage"),),
     source="2 to 3 times the healthy L_T of section 5.2, 0.7 L/min at 1 MPa; assumption: the orifice's part",
     next_check="Block the rod, hold half the relief pressure and read the pump's speed: displacement "
     "times speed over pressure is the leakage across the ports.",

@@ -1,6 +1,6 @@
 """Pressure sensor bias: a transducer's zero is off."""
 
-from fdd.faults.entry import SHARE, Fault, Figure, zero_signatures
+from fdd.faults.entry import SHARE, Amount, Fault, Figure, zero_signatures
 
 _BIAS = 0.073
 """Of the relief setting: 250 kPa of 3.44 MPa."""
@@ -14,6 +14,7 @@ FAULT = Fault(
     plant="a constant added to the pressure measured; or its gain is off, or it shows hysteresis",
     severity="250 kPa on the differential pressure; by the law of gain: 7.3 % of the reading, which is as "
     "much at the relief pressure; by hysteresis: 250 kPa too little as it rises, too much as it falls",
+    amounts=(Amount(250, " kPa", "pressure"),),
     source="3.6 % of the transducer's range; assumption: as much by the other laws",
     next_check="Open the by-pass at rest and read all pressures: both chambers and the accumulator must "
     "agree, and their difference must be zero.",

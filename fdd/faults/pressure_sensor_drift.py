@@ -1,6 +1,6 @@
 """Pressure sensor drift: a transducer's zero walks away."""
 
-from fdd.faults.entry import Fault, Figure, zero_signatures
+from fdd.faults.entry import Amount, Fault, Figure, zero_signatures
 
 FAULT = Fault(
     id="pressure_sensor_drift",
@@ -11,6 +11,11 @@ FAULT = Fault(
     plant="a ramp, or another course that grows, is added to the pressure measured",
     severity="5 kPa/s on the differential pressure, 250 kPa within 50 s; by the other laws as much by then: "
     "the root's 35 kPa after 1 s, the walk's rms, 95 % of where it settles",
+    amounts=(
+        Amount(5, " kPa/s", "pressure"),
+        Amount(250, " kPa", "pressure"),
+        Amount(35, " kPa", "pressure"),
+    ),
     source="assumption: 250 kPa within 50 s, by whatever law",
     laws={
         "line": "as much in each second",

@@ -1,6 +1,6 @@
 """Pump gear wear: the pump loses the more the faster it turns, and its flow ripples."""
 
-from fdd.faults.entry import ASSUMED, LEAKAGE, Effect, Fault, Figure, Signature
+from fdd.faults.entry import ASSUMED, LEAKAGE, Amount, Effect, Fault, Figure, Signature
 
 _LOSS = 0.02
 _WORN_OUT = 0.1
@@ -15,6 +15,7 @@ FAULT = Fault(
     plant="volumetric loss that grows with pressure and speed, more flow ripple",
     severity="cross-port leakage +12e-12 m³/(s·Pa) at 100 rad/s, displacement -2 %, flow ripple +5 %; "
     "or a tenth of the displacement, where what is lost goes by speed alone",
+    amounts=(Amount(12, "e-12 m³/(s·Pa)", "fault_leakage"),),
     source=ASSUMED,
     next_check="Measure the leakage across the ports at one pressure, at low and at full speed: only a "
     "worn gear loses more as it turns faster.",

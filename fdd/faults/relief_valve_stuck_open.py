@@ -1,6 +1,6 @@
 """Relief valve stuck open: oil goes over it far below its setting."""
 
-from fdd.faults.entry import ASSUMED, ORIFICE_FLOW, Effect, Fault, Figure, Signature
+from fdd.faults.entry import ASSUMED, ORIFICE_FLOW, Amount, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
     id="relief_valve_stuck_open",
@@ -10,6 +10,7 @@ FAULT = Fault(
     thesis="Table 4.1",
     plant="flow over the relief valve far below its setting",
     severity="passes 1e-4 m³/s at 1 MPa from the chamber of higher pressure to the other (orifice)",
+    amounts=(Amount(1, "e-4 m³/s", "orifice"),),
     source=ASSUMED,
     next_check="Block the rod, raise the pressure slowly and note where the pump begins to run away: this "
     "must be near the relief setting, both ways.",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Literal
 
-from fdd.faults.entry import LEAKAGE, Columns, Effect, Fault, Figure, Healthy, Signature
+from fdd.faults.entry import LEAKAGE, Amount, Columns, Effect, Fault, Figure, Healthy, Signature
 
 _FRICTION = {"loose": 0.35, "tight": 2.0}
 _LIPS = ("_forward", "_reverse")
@@ -56,6 +56,7 @@ FAULT = Fault(
     severity="loose: friction falls to 35 %, each rod leaks 1e-14 m³/(s·Pa); tight: friction rises to 200 %; "
     "loose_forward: loose, friction of extension only; loose_reverse: of retraction only; "
     "tight_forward: tight, extension only; tight_reverse: retraction only",
+    amounts=(Amount(1, "e-14 m³/(s·Pa)", "fault_leakage"),),
     source="assumption: a seal that lost its preload, or a swollen one, on both lips or one",
     next_check="Move the rod slowly and without load both ways, compare area times pressure difference "
     "with the acceptance run's, and look at the rod for oil and scores.",

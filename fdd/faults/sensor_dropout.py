@@ -1,6 +1,6 @@
 """Sensor dropout: a channel is missing, held or dead, all the time or in bursts, or noisy, stuck or late."""
 
-from fdd.faults.entry import ASSUMED, Fault, Figure
+from fdd.faults.entry import ASSUMED, Amount, Fault, Figure
 
 _PRESSURE = (0.0, 1e8)
 
@@ -18,6 +18,7 @@ FAULT = Fault(
     "position_held: its last value again; wrong all the time, noisy: white noise of 345 kPa rms on "
     "the differential pressure; sticking: it moves once the pressure is 250 kPa from where it stuck; "
     "clipped: it ends at zero, at 0.5 at half the relief pressure; late: it is up to 20 ms old",
+    amounts=(Amount(345, " kPa", "pressure"), Amount(250, " kPa", "pressure")),
     source=ASSUMED,
     next_check="Move the sensor's cable and plugs by hand while its channel is read, and measure its "
     "supply and its loop current at the plug.",

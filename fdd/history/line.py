@@ -3,12 +3,17 @@
 ``y_i = X_i b + u_i + e_i`` with ``e_i ~ N(0, s_i²)`` and ``u_i ~ N(0, τ²)`` from log to log. τ² is found by
 restricted maximum likelihood. Intervals are those of Knapp and Hartung (doi:10.1002/sim.2514): Student's t,
 scaled by how the logs scatter about the line. A filter's s_i also holds what all logs of a unit have in
-common (its pump's gain); then they scatter by less, and `Line.of_one_scale` puts it back.
+common (its pump's gain); then they scatter by less, and `fit_over_time` puts it back.
+
+Temperature is taken out by the oil's viscosity law or by what the logs themselves tell. An answer's healthy
+leakage is that at its log's oil temperature: its logarithm is the covariate, straight enough over the
+temperature (4 % a kelvin), and needs no profile.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +21,12 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 Array = NDArray[np.float64]
+Way = Literal["viscosity law", "regression", "not taken out"]
+
+LEAST_LOGS = 8
+"""From which on a regression on temperature is tried."""
+LEAST_SPREAD = 0.06
+"""Std of the covariate below which the logs have one temperature: 1.5 K."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +47,15 @@ class Line:
 
     def interval(self, place: int, share: float = 0.95) -> tuple[float, float]:
         """Interval that holds a coefficient with probability `share`."""
-        half = float(student.ppf(0.5 + 0.5 * share, self.freedom)) * self._std(place)
+        std = float(np.sqrt(self.covariance[place, place]))
+        half = float(student.ppf(0.5 + 0.5 * share, self.freedom)) * std
         middle = float(self.coefficients[place])
         return middle - half, middle + half
 
     def p_value(self, place: int) -> float:
         """Two-sided, of a coefficient that is zero."""
-        return float(2.0 * student.sf(abs(self.coefficients[place]) / self._std(place), self.freedom))
+        std = float(np.sqrt(self.covariance[place, place]))
+        return float(2.0 * student.sf(abs(self.coefficients[place]) / std, self.freedom))
 
     def band(self, design: Array, share: float = 0.95) -> tuple[Array, Array]:
         """The line (m,) and half the width (m,) of its interval at rows (m, p) of a design."""
@@ -51,39 +64,19 @@ class Line:
         return design @ self.coefficients, half * spread
 
     def crossing(self, level: float, share: float = 0.8) -> tuple[float, float, float] | None:
-        """Where ``b0 + b1 t`` is `level`, with Fieller's interval; None where that has no end.
-
-        Parameters
-        ----------
-        level : of y. share : that the interval holds.
-
-        Returns
-        -------
-        t, and the least and greatest t.
-        """
+        """Where ``b0 + b1 t`` is `level`, and the least and the greatest t of Fieller's interval, which holds
+        `share`; None where that has no end."""
         b0, b1 = (float(b) for b in self.coefficients[:2])
         q = float(student.ppf(0.5 + 0.5 * share, self.freedom)) ** 2
         v = self.covariance
         # (level - b0 - b1 t)² = q (v00 + 2 v01 t + v11 t²)
         square = b1 * b1 - q * v[1, 1]
         linear = b1 * (b0 - level) - q * v[0, 1]
-        constant = (b0 - level) ** 2 - q * v[0, 0]
-        root = linear * linear - square * constant
+        root = linear * linear - square * ((b0 - level) ** 2 - q * v[0, 0])
         if square <= 0.0 or root < 0.0:
             return None
         low, high = (-linear - np.sqrt(root)) / square, (-linear + np.sqrt(root)) / square
         return (level - b0) / b1, float(low), float(high)
-
-    def of_one_scale(self, relative: float) -> Line:
-        """The line where all values share a scale that is uncertain by `relative` (one standard deviation).
-
-        A slope of 0 is one on any scale: its test is what it was.
-        """
-        shared = relative**2 * np.outer(self.coefficients, self.coefficients)
-        return replace(self, covariance=self.covariance + shared)
-
-    def _std(self, place: int) -> float:
-        return float(np.sqrt(self.covariance[place, place]))
 
 
 def fit_line(values: Array, stds: Array, design: Array, between: float = 0.0) -> Line:
@@ -103,19 +96,24 @@ def fit_line(values: Array, stds: Array, design: Array, between: float = 0.0) ->
     ([1.0, 2.0], 7, 0.0)
     """
     n, p = design.shape
-    variance = np.square(stds)
+    own = np.square(stds)
     plain = np.linalg.lstsq(design, values, rcond=None)[0]
-    most = float(np.square(values - design @ plain).sum()) / (n - p) + float(variance.max())
+    most = float(np.square(values - design @ plain).sum()) / (n - p) + float(own.max())
 
     def loss(square: float) -> float:
-        return -_restricted(values, variance + square, design)
+        """-2 restricted log likelihood over 2, but for a constant."""
+        variance = own + square
+        gram = design.T @ (design / variance[:, None])
+        rest = values - design @ np.linalg.solve(gram, design.T @ (values / variance))
+        spread = np.log(variance).sum() + np.linalg.slogdet(gram)[1]
+        return float(0.5 * (spread + (np.square(rest) / variance).sum()))
 
     found = minimize_scalar(
         lambda u: loss(most * np.exp(u)), bounds=(-14.0, 3.0), method="bounded", options={"xatol": 1e-4}
     )
     square = 0.0 if loss(0.0) <= found.fun else float(most * np.exp(found.x))
     square = max(square, between**2)
-    variance = variance + square
+    variance = own + square
     covariance = np.linalg.inv(design.T @ (design / variance[:, None]))
     coefficients = covariance @ (design.T @ (values / variance))
     # A line without any scatter is a made-up one: its interval still has a width.
@@ -124,12 +122,64 @@ def fit_line(values: Array, stds: Array, design: Array, between: float = 0.0) ->
     return Line(coefficients, scale * covariance, float(np.sqrt(square)), n - p, float(likely))
 
 
-def _restricted(values: Array, variance: Array, design: Array) -> float:
-    """Restricted log likelihood, but for a constant."""
-    gram = design.T @ (design / variance[:, None])
-    rest = values - design @ np.linalg.solve(gram, design.T @ (values / variance))
-    spread = np.log(variance).sum() + np.linalg.slogdet(gram)[1]
-    return float(-0.5 * (spread + (np.square(rest) / variance).sum()))
+@dataclass(frozen=True)
+class Fitted:
+    """A line whose values are at one temperature.
+
+    Attributes
+    ----------
+    line : of intercept, slope and, with a regression, what goes with the temperature. values, stds : (n,).
+    way : how temperature was taken out. gain : log likelihood over the other way; None without choice.
+    """
+
+    line: Line
+    values: Array
+    stds: Array
+    way: Way
+    gain: float | None
+
+
+def fit_over_time(
+    time: Array, factors: Array, stds: Array, warmth: Array, between: float, *, leaks: bool
+) -> Fitted:
+    """A line through factors of the healthy value, temperature taken out the way that is likelier.
+
+    The ways are compared by their likelihood of the same data, corrected for the one parameter more and few
+    logs (AICc).
+
+    Parameters
+    ----------
+    time : (n,). factors, stds : (n,), over the healthy value at each log's own temperature. warmth : (n,), ln
+        of each log's healthy leakage over their median's. between : what healthy logs differ by, see
+        `fit_line`.
+    leaks : whether the quantity goes with viscosity, so that the factors are free of it.
+    """
+    n = time.size
+    plain = np.column_stack([np.ones(n), time])
+
+    def scaled(line: Line, values: Array, stds: Array, design: Array) -> Line:
+        """With the scale that all logs share: what their filters say, less what they scatter by. A slope of 0
+        is one on any scale: its test is what it was."""
+        rest = (values - design @ line.coefficients) / stds
+        scatter = float(rest @ rest) / line.freedom
+        relative = float(np.sqrt(np.median(np.square(stds / values)) * max(1.0 - scatter, 0.0)))
+        shared = relative**2 * np.outer(line.coefficients, line.coefficients)
+        return replace(line, covariance=line.covariance + shared)
+
+    line = fit_line(factors, stds, plain, between)
+    way: Way = "viscosity law" if leaks and np.ptp(warmth) > 0.0 else "not taken out"
+    gain = None
+    if n >= LEAST_LOGS and float(np.std(warmth)) >= LEAST_SPREAD:
+        scale = np.exp(warmth) if leaks else np.ones(n)
+        raw, raw_stds, design = factors * scale, stds * scale, np.column_stack([plain, warmth])
+        other = fit_line(raw, raw_stds, design, between)
+        # The law's likelihood of the raw values: a density stretched by the scale. Scale and τ count in both.
+        gain = other.log_likelihood - (line.log_likelihood - float(np.log(scale).sum()))
+        four, five = (k * n / max(n - k - 1, 1) for k in (4, 5))
+        if gain > five - four:
+            values = raw - other.coefficients[2] * warmth
+            return Fitted(scaled(other, raw, raw_stds, design), values, raw_stds, "regression", gain)
+    return Fitted(scaled(line, factors, stds, plain), factors, stds, way, None if gain is None else -gain)
 
 
 def holm(p_values: list[float]) -> list[float]:

@@ -12,15 +12,19 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis
 from fdd.errors import InputError
+from fdd.faults import CATALOGUE
 from fdd.history.answers import Life, Point, Trend, TrendLog
-from fdd.history.changes import BETWEEN, LEVEL, seen
-from fdd.history.limits import Limits
-from fdd.history.line import Line, holm
-from fdd.history.temperature import Fitted, covariate, fit_over_time
+from fdd.history.compare import BETWEEN, LEVEL, seen
+from fdd.history.line import fit_over_time, holm
 from fdd.report.words import fault_title
+from fdd.residuals.oil import air_compliance
+from fdd.residuals.quantities import Scales
+from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
+Limits = dict[str, tuple[float | None, float | None]]
+"""Quantity to its least and greatest factor of the profile's; None where there is no limit."""
 Each = Literal["log", "minute", "hour", "day"]
 LEAST_LOGS = 4
 """For a line whose scatter is to be known: two more than it has coefficients."""
@@ -51,7 +55,7 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -
     Parameters
     ----------
     answers : of one profile and axis, in any order, those of unreadable logs among them.
-    limits : factors of the profile's, see `fdd.history.limits`. each : what one answer is of.
+    limits : of the profile's, by `severity_one` or `given_limits`. each : what one answer is of.
 
     Raises
     ------
@@ -67,10 +71,18 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -
                 mend="give the logs of one unit, with one --unit and --axis",
             )
     dated = all(a.started_at for a in read)
-    read.sort(key=lambda a: (_stamp(a) if dated else 0.0, a.log))
-    start = _stamp(read[0]) if dated else 0.0
-    at = {id(a): (_stamp(a) - start) / DAY_S if dated else float(k) for k, a in enumerate(read)}
-    logs = [_log(a, at.get(id(a))) for a in [*read, *(a for a in answers if a.error is not None)]]
+    stamps = {id(a): datetime.fromisoformat(a.started_at or "").timestamp() if dated else 0.0 for a in read}
+    read.sort(key=lambda a: (stamps[id(a)], a.log))
+    start, per = stamps[id(read[0])], "day" if dated else "log"
+    at = {id(a): (stamps[id(a)] - start) / DAY_S if dated else float(k) for k, a in enumerate(read)}
+    logs = []
+    for answer in [*read, *(a for a in answers if a.error is not None)]:
+        failed = any(f.family == "sensor" for f in answer.faults)
+        logs.append(TrendLog(
+            log=answer.log, started_at=answer.started_at, at=at.get(id(answer)), verdict=answer.verdict,
+            faults=[f.fault for f in answer.faults],
+            left_out="a sensor failed: its estimates do not count" if failed else answer.error,
+        ))  # fmt: skip
     counted = [a for a, log in zip(read, logs, strict=False) if log.left_out is None]
     fitted = [_fit(name, counted, at, limits.get(name, (None, None)), each) for name in ESTIMATED]
     courses = [c for c in fitted if c is not None]
@@ -81,39 +93,25 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -
         change = abs((trend.last or 0.0) - (trend.first or 0.0))
         if p < LEVEL and change > SMALLEST * BETWEEN[trend.quantity]:
             trend.direction = "rises" if (trend.slope or 0.0) > 0.0 else "falls"
-    per = "day" if dated else "log"
-    for course in courses:
-        _tell(course.trend, per)
+        _tell(trend, per)
     notes = [] if dated else [UNDATED]
     ends = [at[id(a)] + a.duration_s / DAY_S for a in read]
     if dated and any(at[id(b)] < end - 1.0 / DAY_S for b, end in zip(read[1:], ends, strict=False)):
         notes.append(OVERLAPPING)
-    life = Life(
-        headline=_headline(trends, logs, each, warned=bool(notes)), unit=read[0].unit, axis=read[0].axis,
-        order="started_at" if dated else "name", per=per, each=each, logs=logs, trends=trends, notes=notes,
-    )  # fmt: skip
+    headline = _headline(trends, logs, each, warned=bool(notes))
     if counted and not np.ptp(_warmth(counted)):
-        life.notes.append(f"No {each} tells an oil temperature of its own: none is taken out.")
+        notes.append(f"No {each} tells an oil temperature of its own: none is taken out.")
+    life = Life(
+        headline=headline, unit=read[0].unit, axis=read[0].axis, order="started_at" if dated else "name",
+        per=per, each=each, logs=logs, trends=trends, notes=notes,
+    )  # fmt: skip
     return life, courses
 
 
-def _stamp(answer: Diagnosis) -> float:
-    """s since 1970."""
-    return datetime.fromisoformat(answer.started_at or "1970-01-01T00:00:00Z").timestamp()
-
-
-def _log(answer: Diagnosis, at: float | None) -> TrendLog:
-    left_out = answer.error
-    if any(f.family == "sensor" for f in answer.faults):
-        left_out = "a sensor failed: its estimates do not count"
-    return TrendLog(
-        log=answer.log, started_at=answer.started_at, at=at, verdict=answer.verdict,
-        faults=[f.fault for f in answer.faults], left_out=left_out,
-    )  # fmt: skip
-
-
 def _warmth(answers: Sequence[Diagnosis]) -> Array:
-    return covariate(np.array([a.estimates["leakage"].baseline or 1.0 for a in answers]))
+    """ln of each log's healthy leakage over their median's (n,): 0 for all where none tells a temperature."""
+    healthy = np.array([a.estimates["leakage"].baseline or 1.0 for a in answers])
+    return np.asarray(np.log(healthy / np.median(healthy)))
 
 
 def _fit(
@@ -128,61 +126,52 @@ def _fit(
     ]
     if not shown:
         return None
-    logs, time = [a.log for a, _, _ in shown], np.array([at[id(a)] for a, _, _ in shown])
-    factors, stds = np.array([v for _, v, _ in shown]), np.array([s for _, _, s in shown])
+    time, factors, stds = (np.array(x) for x in zip(*((at[id(a)], v, s) for a, v, s in shown), strict=True))
     span = float(np.ptp(time))
-    none = np.empty(0)
+
+    def as_points(values: Array, stds: Array) -> list[Point]:
+        rows = zip((a.log for a, _, _ in shown), time, values, stds, strict=True)
+        return [Point(log=log, at=float(t), value=float(v), std=float(s)) for log, t, v, s in rows]
+
     if len(shown) < LEAST_LOGS or span <= 0.0:
         count = f"{len(shown)} {each}" + ("" if len(shown) == 1 else "s")
         why = f"{count} tell of it; a line needs {LEAST_LOGS}, at several times"
-        points = _points(logs, time, factors, stds)
-        untold = Trend(quantity=name, temperature="not taken out", sentence=why, points=points)
-        return Course(untold, none, none, none)
+        untold = Trend(
+            quantity=name, temperature="not taken out", sentence=why, points=as_points(factors, stds)
+        )
+        return Course(untold, *[np.empty(0)] * 3)
     # From the last log backwards, in spans of all: numbers near one, and what is wanted of it at hand.
     scaled = (time - time[-1]) / span
     warmth, between = _warmth([a for a, _, _ in shown]), BETWEEN[name]
     found = fit_over_time(scaled, factors, stds, warmth, between, leaks=name == "leakage")
+    line = found.line
     grid = np.linspace(scaled.min(), 0.0, 100)
-    design = np.zeros((grid.size, found.line.coefficients.size))
+    design = np.zeros((grid.size, line.coefficients.size))
     design[:, 0], design[:, 1] = 1.0, grid
-    middle, half = found.line.band(design)
+    middle, half = line.band(design)
     middle = np.maximum(middle, 0.0)  # where a steep line would go on below nothing
-    trend = _trend(name, found, span, limit, _points(logs, time, found.values, found.stds))
-    trend.first = float(middle[0])
-    return Course(trend, time[-1] + grid * span, middle, half)
-
-
-def _trend(
-    name: str, found: Fitted, span: float, limit: tuple[float | None, float | None], points: list[Point]
-) -> Trend:
-    line: Line = found.line
     slope = float(line.coefficients[1]) / span
     low, high = line.interval(1)
     trend = Trend(
-        quantity=name, temperature=found.way, likelihood_gain=found.gain, points=points,
-        between=line.between, slope=slope, slope_interval=(low / span, high / span),
-        p_value=line.p_value(1), last=max(float(line.coefficients[0]), 0.0),
-        limit=limit[1] if slope > 0.0 else limit[0],
+        quantity=name, temperature=found.way, likelihood_gain=found.gain,
+        points=as_points(found.values, found.stds), between=line.between, slope=slope,
+        slope_interval=(low / span, high / span), p_value=line.p_value(1), first=float(middle[0]),
+        last=max(float(line.coefficients[0]), 0.0), limit=limit[1] if slope > 0.0 else limit[0],
     )  # fmt: skip
-    crossed = None if trend.limit is None else line.crossing(trend.limit)
-    if crossed is not None:
+    if trend.limit is not None and (crossed := line.crossing(trend.limit)) is not None:
         until, least, most = (max(t, 0.0) * span for t in crossed)
         trend.until_limit, trend.until_limit_interval = until, (least, most)
-    return trend
-
-
-def _points(logs: list[str], time: Array, values: Array, stds: Array) -> list[Point]:
-    return [
-        Point(log=log, at=float(t), value=float(v), std=float(s))
-        for log, t, v, s in zip(logs, time, values, stds, strict=True)
-    ]
+    return Course(trend, time[-1] + grid * span, middle, half)
 
 
 def _tell(trend: Trend, per: str) -> None:
     """The trend in one sentence; without one, nothing comes to a limit."""
     if trend.slope is None or trend.slope_interval is None:
         return
-    factor, unit = _readable(trend.slope, per)
+    factor, unit = 1.0, "log"
+    if per == "day":  # the time in which it changes by some percent
+        units = ((1.0 / 24.0, "hour"), (1.0, "day"), (30.0, "30 days"))
+        factor, unit = next((u for u in units if abs(trend.slope) * u[0] > 1e-3), (365.25, "year"))
     low, high = (100.0 * factor * x for x in trend.slope_interval)
     slope = f"{100.0 * factor * trend.slope:+.3g} % per {unit} ({low:+.3g} to {high:+.3g}, 95 %)"
     slope = slope.replace("-", "−")
@@ -205,16 +194,6 @@ def _tell(trend: Trend, per: str) -> None:
         )
 
 
-def _readable(slope: float, per: str) -> tuple[float, str]:
-    """The time in which a slope is told, in `per`: a change of some percent."""
-    if per == "log":
-        return 1.0, "log"
-    for factor, unit in ((1.0 / 24.0, "hour"), (1.0, "day"), (30.0, "30 days")):
-        if abs(slope) * factor > 1e-3:
-            return factor, unit
-    return 365.25, "year"
-
-
 def _headline(trends: Sequence[Trend], logs: Sequence[TrendLog], each: Each, *, warned: bool) -> str:
     """The faults that were found, then what goes on most surely."""
     named = dict.fromkeys(fault_title(f) for log in logs for f in log.faults)
@@ -229,3 +208,54 @@ def _headline(trends: Sequence[Trend], logs: Sequence[TrendLog], each: Each, *, 
     elif warned:
         parts.append("their order is doubtful, see the notes")
     return "; ".join(parts)
+
+
+def severity_one(unit: Unit) -> Limits:
+    """What faults of severity 1 make of the estimates, as factors of the profile's.
+
+    Examples
+    --------
+    >>> limits = severity_one(Unit.load("axis_a"))
+    >>> round(limits["leakage"][1], 2), round(limits["bulk_modulus"][0], 2), limits["coulomb_friction"]
+    (2.84, 0.35, (0.35, 2.0))
+    """
+    rubbing = {f.name: f.value for f in CATALOGUE["seal_wear"].figures}
+    friction = (rubbing["loose_friction"], rubbing["tight_friction"])
+    air = next(f.value for f in CATALOGUE["aeration"].figures if f.name == "free_air")
+    oil = unit.oil
+    softer = air * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
+    return {
+        "leakage": (None, 1.0 + Scales.of(unit).fault_leakage / unit.pump.total_leakage),
+        "bulk_modulus": (1.0 / (1.0 + oil.bulk_modulus * softer), None),
+        "coulomb_friction": friction,
+        "viscous_friction": friction,
+    }
+
+
+def given_limits(texts: Sequence[str]) -> Limits:
+    """Limits as a command line gives them.
+
+    Raises
+    ------
+    InputError : no such quantity, or no factor.
+
+    Examples
+    --------
+    >>> given_limits(["leakage=2.0", "bulk_modulus=0.5"])
+    {'leakage': (None, 2.0), 'bulk_modulus': (0.5, None)}
+    """
+    out: Limits = {}
+    for text in texts:
+        name, _, factor = text.partition("=")
+        try:
+            value = float(factor)
+        except ValueError:
+            value = 1.0
+        if name not in ESTIMATED or not 0.0 < value < 1e6 or value == 1.0:
+            raise InputError(
+                f"--limit {text!r}: not a quantity and a factor of the profile's",
+                mend=f"write e.g. leakage=2.0; quantities: {', '.join(ESTIMATED)}",
+            )
+        least, most = out.get(name, (None, None))
+        out[name] = (least, value) if value > 1.0 else (value, most)
+    return out

@@ -112,15 +112,13 @@ def fit_balance(
     """
     if steps.y.size < LEAST_ROWS:
         return None
-    warmed = logs.temperature is not None
-    problem = _Problem(logs, steps, unit, split=split, warmed=warmed, hidden=hidden)
-    with_area = problem.solve(free_area=True)
-    spread = problem.jackknife(with_area, free_area=True)
+    problem = _Problem(logs, steps, unit, split=split, warmed=logs.temperature is not None, hidden=hidden)
+    solution = problem.solve(free_area=True)
+    spread = problem.jackknife(solution, free_area=True)
     both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
-    shift, sure = abs(with_area.theta[AREA_2]), float(jackknife_std(spread[:, AREA_2]))
+    shift, sure = abs(solution.theta[AREA_2]), float(jackknife_std(spread[:, AREA_2]))
     free_area = both and shift > AREA_TOLERANCE and shift > AREA_SURE * sure
-    solution = with_area if free_area else problem.solve(free_area=False)
-    return problem.report(solution, free_area)
+    return problem.report(solution if free_area else problem.solve(free_area=False), free_area)
 
 
 def fit_theta(logs: LogBalances, steps: VolumeSteps, unit: Unit) -> tuple[Array, float]:
@@ -258,24 +256,21 @@ class _Problem:
             [self.minimise(m, n, right, solution.sigma, free_area, prior) for m, n, right in left]
         )
 
-    def shifts(self, solution: _Solution, free_area: bool) -> Array:
-        """(10, 9) solutions without bounds: about the prior, and with each of its numbers a deviation off."""
-        total = self.normal(solution.theta, solution.weights)
-        priors = self.prior + np.vstack([np.zeros(UNKNOWNS), np.diag(self.prior_spread)])
-        return np.array([self.minimise(*total, solution.sigma, free_area, p) for p in priors])
-
     def report(self, solution: _Solution, free_area: bool) -> BalanceFit:
         value = self.derive(solution.theta)
         others = np.array([self.derive(t) for t in self.jackknife(solution, free_area, self.prior)])
-        about, *shifted = np.array([self.derive(t) for t in self.shifts(solution, free_area)])
+        # Without bounds: about the prior, and with each of its numbers a deviation off.
+        total = self.normal(solution.theta, solution.weights)
+        priors = self.prior + np.vstack([np.zeros(UNKNOWNS), np.diag(self.prior_spread)])
+        solved = [self.minimise(*total, solution.sigma, free_area, p) for p in priors]
+        about, *shifted = np.array([self.derive(t) for t in solved])
         std = np.sqrt(jackknife_std(others) ** 2 + np.sum((np.array(shifted) - about) ** 2, axis=0))
         if self.tied is not None:
             # One chamber at the case's pressure sees cross-port + case leakage, whatever they share.
             cross, case = value[2:4]
             moved = 0.5 * cross * case / max(cross + case, 1e-30)
             std[4] = np.hypot(std[4], TOLERANCES["pump.case_share"][0] * moved)
-        information = self.normal(solution.theta, solution.weights)[0]
-        told = np.diag(information)
+        told = np.diag(total[0])
         flows = float(np.sqrt(told[DISPLACEMENT] / max(told[CROSS], 1e-300)))
         std[[2, 4]] = np.hypot(std[[2, 4]], SLIP * flows * scales(self.unit)[CROSS])
         estimates = [
@@ -283,7 +278,13 @@ class _Problem:
         ]
         beta = 1.0 / max(estimates[5].value, 1e-14)
         bounded = np.array([self.derive(t) for t in self.jackknife(solution, free_area)])
-        spread_of = _posterior(information, solution.sigma)
+        # Of the rows alone, the area's change kept at zero.
+        free = [k for k in range(UNKNOWNS) if k != AREA_2]
+        inside = total[0][np.ix_(free, free)] / (OVERLAP * max(solution.sigma, 1e-15) ** 2)
+        scale = np.sqrt(np.maximum(np.diag(inside), 1e-300))
+        inverse = np.linalg.pinv(inside / np.outer(scale, scale), rcond=1e-12)
+        spread_of = np.full(UNKNOWNS, np.inf)
+        spread_of[free] = np.sqrt(np.maximum(np.diag(inverse), 0.0)) / scale
         compression = self.steps.m[:, STIFF]
         level = float(np.sqrt(np.mean(np.sum(self.noise[:, :, STIFF] ** 2, axis=1)))) + 1e-300
         theta = solution.theta.copy()
@@ -324,14 +325,3 @@ def zero_std(unit: Unit) -> float:
 _FLOORS = (0.002, 3e-4, 0.05, 0.05, 0.05, 0.06, 0.05)
 """Relative standard deviations that no amount of data beats: 0.01 to 0.03 % of a transducer's gain a kelvin;
 1 to 2 K between gap and sensor at 4 % a kelvin; air that dissolves stiffens by 2 to 8 %."""
-
-
-def _posterior(information: Array, sigma: float) -> Array:
-    """(9,) standard deviations that the rows alone give, the area's change kept at zero."""
-    free = [k for k in range(UNKNOWNS) if k != AREA_2]
-    inside = information[np.ix_(free, free)] / (OVERLAP * max(sigma, 1e-15) ** 2)
-    scale = np.sqrt(np.maximum(np.diag(inside), 1e-300))
-    inverse = np.linalg.pinv(inside / np.outer(scale, scale), rcond=1e-12)
-    out = np.full(UNKNOWNS, np.inf)
-    out[free] = np.sqrt(np.maximum(np.diag(inverse), 0.0)) / scale
-    return out

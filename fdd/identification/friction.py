@@ -7,7 +7,7 @@ the unloaded motion is found first: over the base's curve, its force makes the l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,12 +60,12 @@ class FrictionFit:
 
     forward: BranchFit | None
     reverse: BranchFit | None
-    notes: list[str] = field(default_factory=list)
+    notes: list[str]
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Windows of steady motion: force along the motion, speed, direction, where, and in which 2 s block.
+    """Windows of steady motion: force along the motion, speed, direction, where, in which 2 s block and log.
 
     Break-aways are left out: the pump starts too fast for the peak to be the static friction.
     """
@@ -75,6 +75,16 @@ class Motion:
     direction: Array
     position: Array
     block: NDArray[np.int64]
+    log: NDArray[np.int64]
+
+    def ratio(self, base: Friction) -> Array:
+        """(n,) force over the friction (N) of either direction's curve."""
+        return self.force / np.maximum(self.expected(base), 1.0)
+
+    def expected(self, base: Friction) -> Array:
+        """(n,) friction (N) of either direction's curve."""
+        forward, reverse = (curve(branch, self.speed) for branch in (base.forward, base.reverse))
+        return np.where(self.direction > 0, forward, reverse)
 
 
 def curve(branch: FrictionBranch, speed: Array) -> Array:
@@ -99,37 +109,64 @@ def fit_friction(
     -------
     Curves with standard deviations, and why something was kept.
     """
-    motions = [steady_motion(r, cylinder, 1000 * i) for i, r in enumerate(records)]
-    if gusty(motions, base):
-        return _through_gusts(motions, base, zero_force)
-    free = unloaded_motion(motions, base)
+    motion = steady_motion(records, cylinder)
+    if gusty(motion, base):
+        return _through_gusts(motion, base, zero_force)
+    free = unloaded_motion(motion, base)
     if free is None:
-        return FrictionFit(None, None)
+        return FrictionFit(None, None, [])
     motion, found, notes = free
     forward = _branch(motion, 1.0, base.forward, found[0], zero_force)
     return FrictionFit(forward, _branch(motion, -1.0, base.reverse, found[1], zero_force), notes)
 
 
-def gusty(motions: list[Motion], base: Friction) -> bool:
+def steady_motion(records: list[Record], cylinder: Cylinder) -> Motion:
+    """The windows of all logs; no block lies in two."""
+    parts = []
+    for k, record in enumerate(records):
+        step, h = record.rows(WINDOW), record.period
+        v, _ = record.speeds(0.02)
+        v = record.smooth(v, 0.02)
+        a = np.gradient(record.smooth(v, 0.02), h)
+        force = cylinder.area_1 * record.pressure_1 - cylinder.area_2 * record.pressure_2
+        force = record.smooth(force - cylinder.moving_mass * a, 0.02)
+        n = len(record) // step * step
+        vw, aw, fw, xw, gap = (c[:n].reshape(-1, step) for c in (v, a, force, record.position, record.gap))
+        speed = np.abs(vw.mean(axis=1))
+        steady = (
+            (np.abs(vw).min(axis=1) > 0.5 * SLOWEST)
+            & (speed > SLOWEST)
+            & (np.abs(np.ptp(vw, axis=1)) < 0.5 * speed)
+            & (np.abs(aw).max(axis=1) < HASTIEST)
+            & ~gap.any(axis=1)
+        )
+        direction = np.sign(vw.mean(axis=1))
+        columns = (direction * fw.mean(axis=1), speed, direction, xw.mean(axis=1))
+        at = np.flatnonzero(steady)
+        block = 1000 * k + (at * step * h / 2.0).astype(np.int64)
+        parts.append((*(c[steady] for c in columns), block, np.full(at.size, k)))
+    return Motion(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def gusty(motion: Motion, base: Friction) -> bool:
     """Whether loads push the piston so often that no unloaded motion can be told."""
-    forces = [_join(motions).force, _join([_without_load(m, base) for m in motions]).force]
+    forces = (motion.force, _without_load(motion, base).force)
     return min(float(np.mean(f < 0.0)) if f.size else 0.0 for f in forces) > MOST_PUSHED
 
 
-def unloaded_motion(
-    motions: list[Motion], base: Friction
-) -> tuple[Motion, tuple[float, float], list[str]] | None:
-    """All logs' motion, its unloaded force over the base's friction forward and reverse, and notes.
+def unloaded_motion(motion: Motion, base: Friction) -> tuple[Motion, tuple[float, float], list[str]] | None:
+    """The motion, its unloaded force over the base's friction forward and reverse, and notes.
 
     None where the unloaded strokes cannot be told from loaded ones.
     """
     notes: list[str] = []
-    found = _unloaded(motions, base)
-    if found is None:
-        motions = [_without_load(m, base) for m in motions]
-        found = _unloaded(motions, base)
-        notes.append("friction: no unloaded strokes; a constant and a spring load were fitted and removed")
-    return None if found is None else (_join(motions), found, notes)
+    for free in (motion, _without_load(motion, base)):
+        ratio = free.ratio(base)
+        forward, reverse = (_lowest_cluster(ratio[free.direction == sign]) for sign in (1.0, -1.0))
+        if forward and reverse and 1.0 / ASYMMETRY < forward / reverse < ASYMMETRY:
+            return free, (forward, reverse), notes
+        notes = ["friction: no unloaded strokes; a constant and a spring load were fitted and removed"]
+    return None
 
 
 def near_curve(motion: Motion, sign: float, branch: FrictionBranch, centre: float) -> NDArray[np.bool_]:
@@ -139,92 +176,20 @@ def near_curve(motion: Motion, sign: float, branch: FrictionBranch, centre: floa
     return np.asarray((motion.direction == sign) & inside)
 
 
-def steady_motion(record: Record, cylinder: Cylinder, first_block: int) -> Motion:
-    """The windows of one log; its blocks are counted from `first_block`."""
-    step, h = record.rows(WINDOW), record.period
-    v, _ = record.speeds(0.02)
-    v = record.smooth(v, 0.02)
-    a = np.gradient(record.smooth(v, 0.02), h)
-    force = cylinder.area_1 * record.pressure_1 - cylinder.area_2 * record.pressure_2
-    force = record.smooth(force - cylinder.moving_mass * a, 0.02)
-    n = len(record) // step * step
-    shape = (-1, step)
-    vw, aw, fw = (c[:n].reshape(shape) for c in (v, a, force))
-    speed = np.abs(vw.mean(axis=1))
-    steady = (
-        (np.abs(vw).min(axis=1) > 0.5 * SLOWEST)
-        & (speed > SLOWEST)
-        & (np.abs(np.ptp(vw, axis=1)) < 0.5 * speed)
-        & (np.abs(aw).max(axis=1) < HASTIEST)
-        & ~record.gap[:n].reshape(shape).any(axis=1)
-    )
-    direction = np.sign(vw.mean(axis=1))
-    return Motion(
-        force=(direction * fw.mean(axis=1))[steady],
-        speed=speed[steady],
-        direction=direction[steady],
-        position=record.position[:n].reshape(shape).mean(axis=1)[steady],
-        block=first_block + (np.flatnonzero(steady) * step * h / 2.0).astype(np.int64),
-    )
-
-
-def _join(motions: list[Motion]) -> Motion:
-    names = list(Motion.__dataclass_fields__)
-    return Motion(**{n: np.concatenate([getattr(m, n) for m in motions]) for n in names})
-
-
-def _expected(motion: Motion, base: Friction) -> Array:
-    """(n,) friction (N) of either direction's curve."""
-    forward, reverse = (curve(branch, motion.speed) for branch in (base.forward, base.reverse))
-    return np.where(motion.direction > 0, forward, reverse)
-
-
-def _ratio(motion: Motion, base: Friction) -> Array:
-    return motion.force / np.maximum(_expected(motion, base), 1.0)
-
-
-def _unloaded(motions: list[Motion], base: Friction) -> tuple[float, float] | None:
-    """Force over the base's friction in unloaded motion, forward and reverse."""
-    motion = _join(motions)
-    ratio = _ratio(motion, base)
-    centres = []
-    for sign in (1.0, -1.0):
-        centre = _lowest_cluster(ratio[motion.direction == sign])
-        if centre is None:
-            return None
-        centres.append(centre)
-    change = centres[0] / centres[1]
-    return None if not 1.0 / ASYMMETRY < change < ASYMMETRY else (centres[0], centres[1])
-
-
 def _lowest_cluster(ratio: Array) -> float | None:
     """Centre of the lowest dense cluster of positive ratios."""
     if ratio.size * WINDOW < LEAST_SECONDS:
         return None
     logs = np.log(ratio[(ratio > 0.05) & (ratio < 20.0)])
-    if logs.size == 0:
-        return None
     grid = np.arange(-3.2, 3.2, 0.03)
     counts = np.histogram(logs, bins=np.append(grid - 0.015, grid[-1] + 0.015))[0].astype(np.float64)
     kernel = np.exp(-0.5 * (np.arange(-0.48, 0.481, 0.03) / CLUSTER_WIDTH) ** 2)
     density = np.convolve(counts, kernel, mode="same")
-    peaks = np.flatnonzero((density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])) + 1
-    for peak in peaks:
+    for peak in np.flatnonzero((density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])) + 1:
         share = np.count_nonzero(np.abs(logs - grid[peak]) < CLUSTER_REACH) / ratio.size
         if share >= LEAST_SHARE:
             return float(np.exp(grid[peak]))
     return None
-
-
-def _without_load(motion: Motion, base: Friction) -> Motion:
-    """Take a constant and a spring load off, with the base's friction in proportion beside them."""
-    if motion.force.size < 20:
-        return motion
-    over = motion.force / np.maximum(np.abs(_ratio(motion, base)), 1e-9)
-    signed = motion.direction * motion.force
-    m = _with_loads(motion, np.abs(over))
-    load = m[:, 1:] @ _robust(m, signed)[1:]
-    return replace(motion, force=motion.direction * (signed - load))
 
 
 def _with_loads(motion: Motion, friction: Array) -> Array:
@@ -238,16 +203,27 @@ def _robust(m: Array, y: Array) -> Array:
     return huber(m, y, 2.0, least=1e-9, rcond=1e-8)[0]
 
 
-def _through_gusts(motions: list[Motion], base: Friction, zero_force: float) -> FrictionFit:
+def _without_load(motion: Motion, base: Friction) -> Motion:
+    """Take each log's constant and spring load off, with the base's friction in proportion beside them."""
+    over = motion.force / np.maximum(np.abs(motion.ratio(base)), 1e-9)
+    m, signed = _with_loads(motion, np.abs(over)), motion.direction * motion.force
+    force = motion.force.copy()
+    for k in np.unique(motion.log):
+        rows = motion.log == k
+        if np.count_nonzero(rows) >= 20:
+            load = m[rows][:, 1:] @ _robust(m[rows], signed[rows])[1:]
+            force[rows] = motion.direction[rows] * (signed[rows] - load)
+    return replace(motion, force=force)
+
+
+def _through_gusts(motion: Motion, base: Friction, zero_force: float) -> FrictionFit:
     """Both directions' base curves times one factor: what turns with the motion, each log's load apart."""
-    joined = _join(motions)
-    force = joined.direction * joined.force
-    m = _with_loads(joined, _expected(joined, base))
-    log = np.repeat(np.arange(len(motions)), [part.force.size for part in motions])
-    apart = [m[:, :1]] + [m[:, 1:] * (log == k)[:, None] for k in np.unique(log)]
+    force = motion.direction * motion.force
+    m = _with_loads(motion, motion.expected(base))
+    apart = [m[:, :1]] + [m[:, 1:] * (motion.log == k)[:, None] for k in np.unique(motion.log)]
     m = np.concatenate(apart, axis=1)
     factor = float(_robust(m, force)[0])
-    groups = joined.block % (2 * _GROUPS)
+    groups = motion.block % (2 * _GROUPS)
     parts = np.array([_robust(m[groups != g], force[groups != g])[0] for g in np.unique(groups)])
     std = float(jackknife_std(parts))
     told = f"friction seen through gusts is {factor:.2g} ± {std:.1g} times the base's"
@@ -304,28 +280,19 @@ def _scaled(speed: Array, force: Array, base: FrictionBranch, centre: float) -> 
 
 def _shaped(speed: Array, force: Array, base: FrictionBranch, centre: float) -> tuple[Array, Array]:
     """(coulomb, static, viscous) with the base's Stribeck velocity and exponent, and their deviations."""
-    bins = np.digitize(speed, _BINS)
-    rows, target, sigma = [], [], []
-
-    def shape(v: float) -> list[float]:
-        return [1.0, float(np.exp(-((v / base.stribeck_velocity) ** base.stribeck_exponent))), v]
-
-    for b in np.unique(bins):
-        inside = bins == b
-        count = int(np.count_nonzero(inside))
-        if count < 3:
-            continue
-        v = float(np.median(speed[inside]))
-        rows.append(shape(v))
-        target.append(float(np.median(force[inside])))
-        sigma.append(0.04 * centre * float(curve(base, np.array([v]))[0]) * (1.0 + 10.0 / count))
+    which = np.digitize(speed, _BINS)
+    counts = np.bincount(which)
+    bins = np.flatnonzero(counts >= 3)
+    v, target = (np.array([np.median(x[which == b]) for b in bins]) for x in (speed, force))
+    shape = np.exp(-((v / base.stribeck_velocity) ** base.stribeck_exponent))
+    rows = np.column_stack([np.ones(v.size), shape, v])
+    sigma = 0.04 * centre * curve(base, v) * (1.0 + 10.0 / counts[bins])
     # The scaled base, weakly, so that what a few speeds cannot separate stays near it.
     drop = max(base.static - base.coulomb, 0.0)
     usual = centre * np.array([base.coulomb, drop, base.viscous])
     spread = np.array([0.4 * usual[0] + 1.0, 0.3 * usual[1] + 1.0, 0.5 * usual[2] + 2.0 * usual[0]])
-    m = np.vstack([np.array(rows) / np.array(sigma)[:, None], np.diag(1.0 / spread)])
-    y = np.concatenate([np.array(target) / np.array(sigma), usual / spread])
-    found, _ = nnls(m * spread, y)
+    m = np.vstack([rows / sigma[:, None], np.diag(1.0 / spread)])
+    found, _ = nnls(m * spread, np.concatenate([target / sigma, usual / spread]))
     coulomb, above, viscous = found * spread
     covariance = np.linalg.inv(m.T @ m)
     to_branch = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

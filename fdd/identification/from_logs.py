@@ -4,26 +4,36 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 from pydantic import ValidationError
 
 import fdd
-from fdd.diagnosis.baseline import add_baseline
+from fdd.diagnosis.baseline import BASELINE_VERSION, add_baseline, baseline_of, histories_of
 from fdd.errors import InputError
-from fdd.identification.adding import add_logs
 from fdd.identification.identify import identify_unit
 from fdd.identification.judgement import Judgement, judge
-from fdd.identification.profile import Identification
+from fdd.identification.profile import Identification, TableRow
 from fdd.logs import ChannelMap, Log, read_log
 from fdd.progress import Progress, unseen
+from fdd.residuals.balances import BALANCES
 from fdd.samples import Samples
 from fdd.unit import Origin, Unit
 
 FIRST_STAMP_NS = 946_684_800 * 10**9
 """2000-01-01: a log that starts earlier counts from when its recorder was switched on."""
+SHOWN = {
+    "travel per rad of the pump": ("volume", "gain"),
+    "leakage": ("volume", "leak"),
+    "compliance of the oil": ("volume", "compliance"),
+    "friction extending": ("force", "friction_forward"),
+    "friction retracting": ("force", "friction_reverse"),
+    "torque per pressure": ("torque", "pressure"),
+}
+"""What the healthy balances know, as a multiple of the profile's number: balance and column."""
 
 
 @dataclass(frozen=True)
@@ -99,65 +109,99 @@ def identify_logs(
     ------
     InputError : as `identify`.
     """
-    given = base if add is None else add
+    given, more = base if add is None else add, add is not None
     profile = given if isinstance(given, Unit) else Unit.load(given)
-    named(profile, name)
+    _named(profile, name)
     channel_map = map if isinstance(map, ChannelMap | None) else ChannelMap.load(map)
     known = [Path(log) if isinstance(log, str) else log for log in logs]
-    origin = origin_of(profile, known, channel_map, more=add is not None)
-    samples, start_ns = _read(known, channel_map, axis, progress)
+    origin = _origin_of(profile, known, channel_map, more=more)
+    read: list[Log | Samples] = []
+    with progress("reading", len(known)) as advance:
+        for log in known:
+            read.append(read_log(log, channel_map, axis) if isinstance(log, Path) else log)
+            advance(len(read))
+    samples = [log.samples if isinstance(log, Log) else log for log in read]
     labels = [str(log) if isinstance(log, Path) else f"log {k}" for k, log in enumerate(known, 1)]
     try:
-        if add is None:
+        if more:
+            with progress("adding"):
+                found, unit = add_logs(samples, profile, labels)
+        else:
             with progress("identifying"):
                 found = identify_unit(samples, profile, labels=labels)
             with progress("measuring the healthy baseline"):
                 unit = add_baseline(found.unit, samples)
-        else:
-            with progress("adding"):
-                found, unit = add_logs(samples, profile, labels)
     except InputError as error:
         inner = error.problem if error.where is None else f"{error.where}: {error.problem}"
         raise InputError(f"not usable, because {inner}", mend=error.mend) from None
     with progress("judging"):
-        judged = judge(found, unit, profile, samples, labels, more=add is not None)
+        judged = judge(found, unit, profile, samples, labels, more=more)
     if judged.refusals and not accept:
         raise InputError(
             judged.sentence,
             mend="mend or leave out what is named, or --accept (accept=True) makes the profile all the same",
         )
-    unit = named(unit, name or name_of(origin, profile, start_ns))
+    start_ns = read[0].start_ns if isinstance(read[0], Log) else 0
+    unit = _named(unit, name or _name_of(origin, profile, start_ns))
     unit.origin = origin.model_copy(update={"limits": judged.limits, "accepted": judged.refusals})
     return Identified(unit, found, judged)
 
 
-def _read(
-    logs: Sequence[Path | Log | Samples], channel_map: ChannelMap | None, axis: str | None, progress: Progress
-) -> tuple[list[Samples], int]:
-    """The logs' samples, and when the first one started (ns since 1970, 0 where nothing tells)."""
-    read: list[Log | Samples] = []
-    with progress("reading", len(logs)) as advance:
-        for log in logs:
-            read.append(read_log(log, channel_map, axis) if isinstance(log, Path) else log)
-            advance(len(read))
-    start_ns = read[0].start_ns if read and isinstance(read[0], Log) else 0
-    return [log.samples if isinstance(log, Log) else log for log in read], start_ns
+def add_logs(
+    logs: Sequence[Samples], profile: Unit, labels: Sequence[str] | None = None
+) -> tuple[Identification, Unit]:
+    """Add healthy logs to a profile.
 
-
-def origin_of(
-    profile: Unit, logs: Sequence[Path | Log | Samples], channel_map: ChannelMap | None, *, more: bool
-) -> Origin:
-    """Where a profile comes from: its logs by their hashes, its base, the map.
+    A profile's numbers are the scale in which its balances are written, so they stay; what the logs tell
+    goes into the balances, whose statistics add up.
 
     Parameters
     ----------
-    profile : the base, or the profile that the logs are added to. more : whether they are added.
-    logs : files, or samples at hand, which are known by the hash of their values.
+    logs : more healthy logs of the unit. profile : identified, with its baseline. labels : of the logs.
+
+    Returns
+    -------
+    What the new logs alone identify, with the table of the balances before and after; the profile with the
+    narrowed baseline.
 
     Raises
     ------
-    InputError : a log is missing, or there twice: it would count for two.
+    InputError : the profile has no baseline of this version, or a log cannot be used.
     """
+    before = profile.baseline
+    if before is None or before.version != BASELINE_VERSION:
+        raise InputError(
+            f"profile {profile.name} has no healthy baseline of this version of fdd",
+            mend="identify it anew from all logs",
+        )
+    columns = {n: list(b.columns) for n, b in BALANCES.items()}
+    if any(columns.get(name) != balance.columns for name, balance in before.balances.items()):
+        raise InputError(
+            f"profile {profile.name} has balances that this fdd does not know", mend="identify it anew"
+        )
+    found = identify_unit(logs, profile, labels=labels)
+    unit = profile.model_copy(deep=True)
+    unit.baseline = after = baseline_of(histories_of(profile, logs), before)
+    rows = []
+    for quantity, (balance, column) in SHOWN.items():
+        if balance not in before.balances or balance not in after.balances:
+            continue
+        k = before.balances[balance].columns.index(column)
+        # The gain's coefficient is the share of the pump's flow that moves nothing.
+        old, new = (
+            1.0 - b.balances[balance].mean[k] if column == "gain" else b.balances[balance].mean[k]
+            for b in (before, after)
+        )
+        old_std, std = (float(np.sqrt(b.balances[balance].covariance[k][k])) for b in (before, after))
+        rows.append(TableRow(quantity, "of the profile's", old, new, std, f"± {1.96 * old_std:.2g} before"))
+    return replace(found, balances=rows, leakage=None), unit
+
+
+def _origin_of(
+    profile: Unit, logs: Sequence[Path | Log | Samples], channel_map: ChannelMap | None, *, more: bool
+) -> Origin:
+    """Where a profile comes from: its logs by their hashes (of samples at hand by that of their values), its
+    base, the map. A log that is there twice would count for two, and is refused."""
     known = {} if not more or profile.origin is None else dict(profile.origin.logs)
     for number, log in enumerate(logs, 1):
         digest = _digest(log)
@@ -168,25 +212,20 @@ def origin_of(
                 f"the same as {known[digest]}, which counts already", where=where, mend="give each log once"
             )
         known[digest] = name
-    mapped = None if channel_map is None else _sha256(channel_map.model_dump_json())
     now = datetime.now(UTC).isoformat(timespec="seconds")
     if more and profile.origin is not None:
         update = {"date": now, "fdd": fdd.__version__, "logs": known}
         return profile.origin.model_copy(update=update)
+    mapped = None if channel_map is None else _sha256(channel_map.model_dump_json())
     return Origin(
         base=profile.name, base_sha256=_sha256(profile.to_yaml()), date=now, fdd=fdd.__version__,
         map_sha256=mapped, logs=known,
     )  # fmt: skip
 
 
-def name_of(origin: Origin, profile: Unit, start_ns: int) -> str:
-    """``<base>-<date of the log, or today>-<8 hex of the hash of the logs>``.
-
-    Parameters
-    ----------
-    profile : base, or profile that logs were added to; a name that a person gave it stays.
-    start_ns : log time of the first log.
-    """
+def _name_of(origin: Origin, profile: Unit, start_ns: int) -> str:
+    """``<base>-<date of the first log, or today>-<8 hex of the hash of the logs>``; a name that a person gave
+    to the profile that logs are added to stays."""
     start = f"{origin.base[:44].strip()}-"
     if profile.name != origin.base and not profile.name.startswith(start):
         return profile.name
@@ -195,13 +234,8 @@ def name_of(origin: Origin, profile: Unit, start_ns: int) -> str:
     return f"{start}{day}-{_sha256(''.join(sorted(origin.logs)))[:8]}"
 
 
-def named(unit: Unit, name: str | None) -> Unit:
-    """The unit under a name; None leaves it its own.
-
-    Raises
-    ------
-    InputError : that is no name.
-    """
+def _named(unit: Unit, name: str | None) -> Unit:
+    """The unit under a name; None leaves it its own."""
     copy = unit.model_copy()
     try:
         copy.name = unit.name if name is None else name

@@ -11,7 +11,7 @@ from fdd.errors import InputError
 from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance, zero_std
 from fdd.identification.friction import BranchFit, fit_friction
 from fdd.identification.motor import fit_torque_constant
-from fdd.identification.profile import Identification, ProfileWriter
+from fdd.identification.profile import Identification
 from fdd.identification.record import Record, even_record
 from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
@@ -96,26 +96,26 @@ def identify_unit(
     source = f"identified from {len(logs)} healthy log(s)"
     seconds = sum(len(r) * r.period for r in records)
     unit.description = f"{source}, {seconds:.0f} s in all; based on {base.name}."
-    writer = ProfileWriter(unit, base, source)
+    out = Identification(unit, base, source)
     if jumps:
-        writer.note(f"the pump angle makes {jumps} impossible jumps: these moments were left out")
-    hydraulics(writer, records)
-    _charge(writer, records)
-    _friction(writer, records)
+        out.notes.append(f"the pump angle makes {jumps} impossible jumps: these moments were left out")
+    hydraulics(out, records)
+    _charge(out, records)
+    _friction(out, records)
     for channel, fit in fit_sensors(list(logs), records, base).items():
-        writer.put_sensor(channel, fit)
+        out.put_sensor(channel, fit)
     mismatch = gain_mismatch(records)
     if mismatch is not None and abs(mismatch) > 5e-3:
-        writer.note(
+        out.notes.append(
             f"pressure_difference reads {100 * mismatch:+.1f} % of the chambers' difference off in gain; "
             "its zero makes them agree on average"
         )
     constant, why = fit_torque_constant(records, unit.pump.displacement)
     if constant is None:
-        writer.keep("drive.torque_constant", why)
+        out.keep("drive.torque_constant", why)
     else:
-        writer.put("drive.torque_constant", constant, why)
-    return writer.result
+        out.put("drive.torque_constant", constant, why)
+    return out
 
 
 @dataclass(frozen=True)
@@ -136,30 +136,30 @@ class Hydraulics:
 
 
 def hydraulics(
-    writer: ProfileWriter, records: list[Record], pressure: float | None = None
+    out: Identification, records: list[Record], pressure: float | None = None
 ) -> Hydraulics | None:
     """Put displacement, leakage, volumes and compressibility into a profile; None for too few steps.
 
     Parameters
     ----------
-    writer : of the profile. records : logs.
+    out : the profile. records : logs.
     pressure : Pa that compressibility is referred to; by default the logs' usual one.
 
     Raises
     ------
     InputError : a gain or pressures that cannot be this unit's.
     """
-    base = _with_relief(writer, records)
+    base = _with_relief(out, records)
     logs = LogBalances(records, pressure)
     if not needs_pilots(base) and any(keeps_trapped_oil(r, base, logs.noise) for r in records):
         base = base.model_copy(deep=True)
         base.accumulator.refeed_pilots = False
         why = "the lower chamber keeps its oil under a higher one"
-        writer.decide("accumulator.refeed_pilots", False, why)
+        out.decide("accumulator.refeed_pilots", False, why)
     hidden = not all(r.chambers_measured for r in records)
     volumes = None
     if not hidden:  # a reconstructed pressure tells as much of its own model as of the volumes
-        base, volumes = _with_volumes(writer, logs, base)
+        base, volumes = _with_volumes(out, logs, base)
     steps = logs.steps(base)
     # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
     told = all(r.accumulator_measured for r in records)
@@ -167,12 +167,12 @@ def hydraulics(
     fit = fit_balance(logs, steps, base, split=split, hidden=hidden)
     if fit is None:
         why = "too few steps in which a chamber stays above the accumulator while it moves"
-        _keep_gain(writer, why)
+        _keep_gain(out, why)
         for path in ("pump.cross_port_leakage", "oil.bulk_modulus"):
-            writer.keep(path, why)
+            out.keep(path, why)
         return None
-    _put_gain(writer, fit)
-    _put_leakage(writer, fit, logs.temperature, hidden)
+    _put_gain(out, fit)
+    _put_leakage(out, fit, logs.temperature, hidden)
     single = needs_pilots(base)
     blurred = HIDDEN_BULK[0 if told else 2 if single else 1] if hidden else 0.0
     of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
@@ -183,49 +183,51 @@ def hydraulics(
         fit.air_fraction.wider(float(np.hypot(0.5 if hidden else 0.0, of_volume))),
         volumes_found=of_volume > 0.0,
     )  # fmt: skip
-    _put_compressibility(writer, found)
+    _put_compressibility(out, found)
     if hidden:
-        writer.note(
+        out.notes.append(
             "chamber pressures are not measured: they were reconstructed from their difference and the "
             "refeeding valves, which leaves bulk modulus and air uncertain by 10 % and more"
         )
     return found
 
 
-def _with_relief(writer: ProfileWriter, records: list[Record]) -> Unit:
+def _with_relief(out: Identification, records: list[Record]) -> Unit:
     """The base, its relief valve set above what healthy logs reach."""
     reached = max(
         float(np.quantile(np.abs(r.smooth(r.pressure_1 - r.pressure_2, SMOOTHING)), 0.995)) for r in records
     )
-    setting = writer.base.accumulator.relief_pressure
+    setting = out.base.accumulator.relief_pressure
     if reached < RELIEF_EXCEEDED * setting:
-        return writer.base
+        return out.base
     if reached > RELIEF_IMPOSSIBLE * setting:
         raise InputError(
             f"pressure differences reach {reached / 1e5:.3g} bar, the relief valve of base "
-            f"{writer.base.name} opens at {setting / 1e5:.3g} bar",
+            f"{out.base.name} opens at {setting / 1e5:.3g} bar",
             mend="check the pressures' unit in the channel map",
         )
     value = RELIEF_CLEARANCE * reached
     why = f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that"
-    writer.put("accumulator.relief_pressure", Estimate(value, 0.2 * value), why)
-    writer.note(
+    out.put("accumulator.relief_pressure", Estimate(value, 0.2 * value), why)
+    out.notes.append(
         f"the logs reach {reached / 1e5:.1f} bar, beyond the base's relief setting of "
         f"{setting / 1e5:.1f} bar: it was raised"
     )
-    base = writer.base.model_copy(deep=True)
+    base = out.base.model_copy(deep=True)
     base.accumulator.relief_pressure = value
     return base
 
 
-def _with_volumes(writer: ProfileWriter, logs: LogBalances, base: Unit) -> tuple[Unit, VolumeFit | None]:
+def _with_volumes(out: Identification, logs: LogBalances, base: Unit) -> tuple[Unit, VolumeFit | None]:
     """The base with the chambers' volumes, where strokes tell them; both pressures are measured."""
     steps = logs.steps(base)
     if steps.y.size < LEAST_ROWS or len(np.unique(steps.chamber)) < 2:
         return base, None
     fit = fit_volumes(logs, base)
     if fit is None:
-        writer.note("the chambers' volumes stay the base's: compliance against position does not tell them")
+        out.notes.append(
+            "the chambers' volumes stay the base's: compliance against position does not tell them"
+        )
         return base, None
     with_volumes = base.model_copy(deep=True)
     fit.apply(with_volumes)
@@ -233,99 +235,99 @@ def _with_volumes(writer: ProfileWriter, logs: LogBalances, base: Unit) -> tuple
     share = float(np.hypot(gain.relative if fit.of_volume else 0.0, fit.split.std))
     for name in ("volume_1", "volume_2"):
         value = float(getattr(cylinder, name))
-        writer.put(f"cylinder.{name}", Estimate(value, share * value), "from compliance against position")
+        out.put(f"cylinder.{name}", Estimate(value, share * value), "from compliance against position")
     if not fit.of_volume:
         compliance = Estimate(cylinder.position_compliance, gain.relative * cylinder.position_compliance)
         why = "no dead volume explains this: the mean volume stays the base's"
-        writer.put("cylinder.position_compliance", compliance, why)
+        out.put("cylinder.position_compliance", compliance, why)
     return with_volumes, fit
 
 
-def _put_gain(writer: ProfileWriter, fit: BalanceFit) -> None:
-    ratio = fit.displacement.value / writer.base.pump.displacement
+def _put_gain(out: Identification, fit: BalanceFit) -> None:
+    ratio = fit.displacement.value / out.base.pump.displacement
     if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
         raise InputError(
-            f"the volume balances give {ratio:.3g} times the displacement of base {writer.base.name}",
+            f"the volume balances give {ratio:.3g} times the displacement of base {out.base.name}",
             mend="check units and signs in the channel map, or give a fitting base profile",
         )
-    sharp = GAIN_SHARP * tolerance(writer.base, "pump.displacement")
-    if not _better(fit.displacement, writer.base.pump.displacement, sharp):
-        _keep_gain(writer, f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base")
+    sharp = GAIN_SHARP * tolerance(out.base, "pump.displacement")
+    if not _better(out, fit.displacement, out.base.pump.displacement, sharp):
+        _keep_gain(out, f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base")
         return
-    writer.put("pump.displacement", fit.displacement, "displacement over area_1, which stays the base's")
-    writer.note("only displacement over area is identifiable from flow: area_1 stays the base's")
+    out.put("pump.displacement", fit.displacement, "displacement over area_1, which stays the base's")
+    out.notes.append("only displacement over area is identifiable from flow: area_1 stays the base's")
     if fit.area_2 is not None:
-        ratio = fit.area_2.value / writer.base.cylinder.area_1
+        ratio = fit.area_2.value / out.base.cylinder.area_1
         note = f"area_2/area_1 = {ratio:.3f} from both chambers' balances"
-        writer.put("cylinder.area_2", fit.area_2, note)
-        writer.note(note)
+        out.put("cylinder.area_2", fit.area_2, note)
+        out.notes.append(note)
 
 
-def _keep_gain(writer: ProfileWriter, why: str) -> None:
+def _keep_gain(out: Identification, why: str) -> None:
     """Leave the base's displacement, and state how far it may be off: balances are held against it."""
-    pump = writer.result.unit.pump
-    writer.keep("pump.displacement", why)
-    std = tolerance(writer.base, "pump.displacement") * pump.displacement
+    pump = out.unit.pump
+    out.keep("pump.displacement", why)
+    std = tolerance(out.base, "pump.displacement") * pump.displacement
     known = pump.provenance.get("displacement", Provenance())
     pump.provenance["displacement"] = known.model_copy(update={"std": std})
 
 
-def _put_leakage(writer: ProfileWriter, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:
+def _put_leakage(out: Identification, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:
     extra, extra_of_case = (HIDDEN_LEAKAGE, HIDDEN_CASE) if hidden else (0.0, 0.0)
     total = fit.total_leakage.wider(extra)
-    known = writer.base.pump.total_leakage
-    if total.value <= LEAST_LEAKAGE * known or not _better(total, known, LEAKAGE_SHARP):
+    known = out.base.pump.total_leakage
+    enough = total.value > LEAST_LEAKAGE * known
+    if not (enough and _better(out, total, known, LEAKAGE_SHARP, "leakage")):
         why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
-        writer.keep("pump.cross_port_leakage", why)
-        writer.keep("pump.case_leakage", why)
+        out.keep("pump.cross_port_leakage", why)
+        out.keep("pump.case_leakage", why)
         return
-    _warn_if_far(writer, "leakage", total.value / known if known > 0.0 else np.inf)
-    writer.result.leakage = total
+    out.leakage = total
     note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
-    writer.put("pump.cross_port_leakage", fit.cross_port.wider(extra), note)
+    out.put("pump.cross_port_leakage", fit.cross_port.wider(extra), note)
     split = "" if fit.split_known else "split from cross-port as in the base"
-    writer.put("pump.case_leakage", fit.case.wider(extra_of_case), split)
+    out.put("pump.case_leakage", fit.case.wider(extra_of_case), split)
     if not fit.split_known:
-        writer.note("cross-port and case leakage could not be told apart: they are split as in the base")
+        out.notes.append("cross-port and case leakage could not be told apart: they are split as in the base")
     if temperature is not None:
-        writer.put("oil.reference_temperature", Estimate(temperature, 0.5), "mean of the logs")
+        out.put("oil.reference_temperature", Estimate(temperature, 0.5), "mean of the logs")
     else:
-        writer.note("oil temperature is not measured: leakage holds for the logs' own temperature")
+        out.notes.append("oil temperature is not measured: leakage holds for the logs' own temperature")
 
 
-def _put_compressibility(writer: ProfileWriter, found: Hydraulics) -> None:
+def _put_compressibility(out: Identification, found: Hydraulics) -> None:
     fit, beta, pressure = found.fit, found.bulk_modulus, found.logs.pressure
-    if fit.signal_over_noise < LEAST_SIGNAL or not _better(beta, writer.base.oil.bulk_modulus, BULK_SHARP):
+    seen, known = fit.signal_over_noise >= LEAST_SIGNAL, out.base.oil.bulk_modulus
+    if not (seen and _better(out, beta, known, BULK_SHARP, "bulk modulus")):
         told = f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough"
-        writer.keep("oil.bulk_modulus", f"{told} (pressure changes over noise {fit.signal_over_noise:.1f})")
+        out.keep("oil.bulk_modulus", f"{told} (pressure changes over noise {fit.signal_over_noise:.1f})")
         return
-    _warn_if_far(writer, "bulk modulus", beta.value / writer.base.oil.bulk_modulus)
     level = "with the volumes found" if found.volumes_found else "volumes stay the base's"
-    writer.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
-    writer.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
+    out.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
+    out.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
     drawn = "" if fit.air_known else "little data: drawn to the base's"
-    writer.put("oil.air_fraction", found.air_fraction, drawn)
-    writer.note(
+    out.put("oil.air_fraction", found.air_fraction, drawn)
+    out.notes.append(
         "the chambers' volumes follow from how compliance changes with position, and area_1"
         if found.volumes_found
         else "only volume over bulk modulus is identifiable: the chambers' volumes stay the base's"
     )
 
 
-def _warn_if_far(writer: ProfileWriter, quantity: str, ratio: float) -> None:
-    if np.isfinite(ratio) and not 1.0 / SURPRISING < ratio < SURPRISING:
-        writer.note(
-            f"{quantity} is {ratio:.2g} times that of base {writer.base.name}: another kind of unit, or a "
+def _better(out: Identification, estimate: Estimate, base: float, sharp: float, quantity: str = "") -> bool:
+    """Whether to take an estimate: it is sharp, or the base is surely farther off; a note where it is far."""
+    if not (estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std):
+        return False
+    ratio = estimate.value / base if base > 0.0 else 1.0
+    if quantity and not 1.0 / SURPRISING < ratio < SURPRISING:
+        out.notes.append(
+            f"{quantity} is {ratio:.2g} times that of base {out.base.name}: another kind of unit, or a "
             "pressure in the wrong unit of measure"
         )
+    return True
 
 
-def _better(estimate: Estimate, base: float, sharp: float) -> bool:
-    """Whether to take an estimate: it is sharp, or the base is surely farther off."""
-    return estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std
-
-
-def _charge(writer: ProfileWriter, records: list[Record]) -> None:
+def _charge(out: Identification, records: list[Record]) -> None:
     path, known = "accumulator.charge_pressure", []
     for r in records:
         if r.accumulator_measured:
@@ -333,38 +335,38 @@ def _charge(writer: ProfileWriter, records: list[Record]) -> None:
         elif r.chambers_measured:
             known.append((r, np.minimum(r.smooth(r.pressure_1, 0.1), r.smooth(r.pressure_2, 0.1))))
     if not known:
-        writer.keep(path, "neither accumulator nor chamber pressures are measured")
+        out.keep(path, "neither accumulator nor chamber pressures are measured")
         return
-    resting, note = np.concatenate([p[r.at_rest(writer.base)] for r, p in known]), "median at rest"
+    resting, note = np.concatenate([p[r.at_rest(out.base)] for r, p in known]), "median at rest"
     if resting.size * known[0][0].period < LEAST_REST:
         resting, note = np.concatenate([p for _, p in known]), "median of the logs, which never rest"
     value = float(np.median(resting))
     if value <= 0.0:
-        writer.keep(path, f"{value / 1e5:.2f} bar at rest is no charge")
+        out.keep(path, f"{value / 1e5:.2f} bar at rest is no charge")
         return
     # Half the middle half's width: temperature and oil in the chambers move it more than noise does.
     spread = float(np.diff(np.quantile(resting, [0.25, 0.75]))[0]) / 1.35
-    writer.put(path, Estimate(value, max(spread, 0.005 * value)), note)
+    out.put(path, Estimate(value, max(spread, 0.005 * value)), note)
 
 
-def _friction(writer: ProfileWriter, records: list[Record]) -> None:
-    unit = writer.result.unit
-    offset, tank, cylinder = redundancy_offset(records), writer.base.accumulator, unit.cylinder
-    shift = max(zero_std(writer.base), 0.0 if offset is None else abs(offset.value)) * cylinder.area_1
+def _friction(out: Identification, records: list[Record]) -> None:
+    unit = out.unit
+    offset, tank, cylinder = redundancy_offset(records), out.base.accumulator, unit.cylinder
+    shift = max(zero_std(out.base), 0.0 if offset is None else abs(offset.value)) * cylinder.area_1
     if not all(r.chambers_measured for r in records):  # their mean hangs on the charge
         rod = abs(cylinder.area_1 - cylinder.area_2)
-        charge = tolerance(writer.base, "accumulator.charge_pressure") * tank.charge_pressure
+        charge = tolerance(out.base, "accumulator.charge_pressure") * tank.charge_pressure
         shift = float(np.hypot(shift, rod * charge))
     trials = unit.friction.trial_spread / np.sqrt(len(records))
-    fit = fit_friction(records, unit.cylinder, writer.base.friction, shift)
+    fit = fit_friction(records, unit.cylinder, out.base.friction, shift)
     for note in fit.notes:
-        writer.note(note)
+        out.notes.append(note)
     for direction in ("forward", "reverse"):
         branch: BranchFit | None = getattr(fit, direction)
         if branch is None:
-            writer.keep(f"friction.{direction}.coulomb", "no unloaded motion could be told from loads")
+            out.keep(f"friction.{direction}.coulomb", "no unloaded motion could be told from loads")
             continue
         for name, std in branch.stds.items():
             value = float(getattr(branch.branch, name))
             found = Estimate(value, std).wider(trials)
-            writer.put(f"friction.{direction}.{name}", found, branch.note)
+            out.put(f"friction.{direction}.{name}", found, branch.note)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from math import exp, log, sqrt
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.errors import InputError
 from fdd.faults import fault
-from fdd.identification.logs_agree import Comparison, disagreement
+from fdd.identification.identify import identify_unit
 from fdd.identification.profile import WORDS, Identification, Ratio, against_base
-from fdd.identification.signs import gain_slips
-from fdd.identification.slips import slips
+from fdd.identification.signs import gain_slips, slips
 from fdd.measures import MEASURES
 from fdd.samples import Samples
 from fdd.tolerances import TOLERANCES
@@ -40,6 +40,18 @@ SHORTEST_PART = 10.0
 """s of a log on either side of an onset that can be identified by themselves."""
 COLDEST, HOTTEST = -40.0, 120.0
 """°C of hydraulic oil: pour point and where seals give up."""
+DISAGREEING = 0.01
+"""Share of healthy sets of logs that are refused by chance because they disagree, over all quantities."""
+BETWEEN = {
+    "pump.leakage": (0.0, "1 to 2 K between the gap and the sensor stand in each log's own deviation"),
+    "pump.displacement": (0.003, "0.01 to 0.03 % of a transducer's gain a kelvin"),
+    "drive.torque_constant": (0.04, "magnets lose 0.1 % a kelvin and warm by 40"),
+    "oil.bulk_modulus": (0.25, "air dissolves and comes out, and strokes are long or short"),
+}
+"""By what share a healthy unit differs from log to log, and by what. Friction is none of them: what a load
+or a gust does to the force of one log alone is more."""
+UNMEASURED = 0.4
+"""The same of leakage where nobody measures the oil's temperature: 10 K."""
 
 
 @dataclass
@@ -81,7 +93,13 @@ def judge(
     out = Judgement()
     ratios = against_base(found, base)
     for samples, label in zip(logs, labels, strict=True):
-        out.refusals += [f"{label}: {text}" for text in _temperature(samples)]
+        values = samples.get("oil_temperature")
+        values = values[np.isfinite(values)]
+        if values.size and not COLDEST <= (middle := float(np.median(values))) <= HOTTEST:
+            read = {u: MEASURES[u].factor * middle + MEASURES[u].offset for u in ("K", "degF")}
+            looks = next((u for u, celsius in read.items() if COLDEST <= celsius <= 90.0), None)
+            hint = f": it looks like {looks} read as degC" if looks else ""
+            out.refusals.append(f"{label}: oil at {middle:.0f} °C{hint}")
     slip = pressure_slip(ratios, push_of(logs, base))
     if slip is not None:
         out.refusals.append(slip)
@@ -91,10 +109,84 @@ def judge(
     if not out.refusals:  # of a wrong unit or base the rest only follows
         compared = disagreement(base if more else found.unit, logs, labels, more=more)
         out.refusals += [c.sentence for c in compared if c.refused]
-        for text, sure in unhealthy(base if more else unit, logs, labels):
+        for text, sure in _unhealthy(base if more else unit, logs, labels):
             (out.refusals if sure else out.limits).append(text)
     _open_questions(out, found, ratios, compared, len(logs) + more, base)
     return out
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One quantity over the logs that tell it.
+
+    Attributes
+    ----------
+    logs : how many tell it. p_value : of their scatter. sentence : what disagrees, in words.
+    """
+
+    logs: int
+    p_value: float
+    sentence: str
+
+    @property
+    def refused(self) -> bool:
+        """Whether the logs disagree."""
+        return self.p_value < DISAGREEING / len(BETWEEN)
+
+
+def disagreement(
+    unit: Unit, logs: Sequence[Samples], labels: Sequence[str], *, more: bool = False
+) -> list[Comparison]:
+    """Compare what each log alone identifies, by a chi-square test of each quantity.
+
+    The `unit` was identified from all of them or, with `more`, from other logs, and then counts as one.
+    """
+    if len(logs) + more < 2:
+        return []
+    each = [_alone(log, unit, label) for log, label in zip(logs, labels, strict=True)]
+    if more:  # what the profile itself says, where it was identified
+        numbers = {
+            "pump.displacement": (unit.pump.displacement, unit.pump.std_of("displacement")),
+            "pump.leakage": (unit.pump.cross_port_leakage, unit.pump.std_of("cross_port_leakage")),
+            "drive.torque_constant": (unit.drive.torque_constant, unit.drive.std_of("torque_constant")),
+            "oil.bulk_modulus": (unit.oil.bulk_modulus, unit.oil.std_of("bulk_modulus")),
+        }
+        each.append({n: (1.0, std / value) for n, (value, std) in numbers.items() if std and value > 0.0})
+        labels = [*labels, f"profile {unit.name}"]
+
+    def scatter(x: np.ndarray, weight: np.ndarray) -> float:
+        return float(np.sum(weight * (x - np.average(x, weights=weight)) ** 2))
+
+    out = []
+    for name, (between, _) in BETWEEN.items():
+        told = [(label, *values[name]) for label, values in zip(labels, each, strict=True) if name in values]
+        if len(told) < 2:
+            continue
+        x, std = np.array([t[1] for t in told]), np.array([t[2] for t in told])
+        weight, quantity = 1.0 / (std**2 + between**2), WORDS[name]
+        p_value = float(chdtrc(x.size - 1, scatter(x, weight)))
+        odd = int(np.argmin([scatter(np.delete(x, i), np.delete(weight, i)) for i in range(x.size)]))
+        others = np.average(np.delete(x, odd), weights=np.delete(weight, odd))
+        times = float(x[odd] / others) if others > 0.0 else np.inf
+        if x.size > 2:
+            said = f"{told[odd][0]} disagrees with the others: {quantity} is {times:.3g} times theirs"
+        else:
+            said = f"{told[0][0]} and {told[1][0]} disagree: {quantity} differs by a factor of {times:.3g}"
+        out.append(Comparison(x.size, p_value, said))
+    return sorted(out, key=lambda c: c.p_value)
+
+
+def _alone(log: Samples, unit: Unit, label: str) -> dict[str, tuple[float, float]]:
+    """What this log alone identifies over the profile's, with its standard deviation.
+
+    Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
+    """
+    try:
+        found = identify_unit([log], unit, labels=[label])
+    except InputError:  # too short, or the pump hardly turns: it tells nothing against the others
+        return {}
+    ratios = against_base(found, unit, UNMEASURED)
+    return {name: (r.value, r.value * r.std) for name, r in ratios.items()}
 
 
 def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
@@ -112,16 +204,16 @@ def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
         lacking = min(log(push) - log(factor), 0.0) / TOLERANCES["friction"][0]
         return lacking**2 + sum(ratios[n].misfit(factor**sign) for n, sign in SCALES.items() if n in ratios)
 
-    sizes = sorted({m.factor for m in MEASURES.values() if m.dimension == "pressure"})
+    sizes = _sizes("pressure")
     factors = sorted({round(a / b, 9) for a in sizes for b in sizes if a != b}, key=misfit)
     best = factors[0]
     if misfit(1.0) - misfit(best) < ODDS:
         return None
     looks = dict.fromkeys(slips(f, "pressure") for f in factors if misfit(f) < misfit(best) + ALIKE)
-    told = [f"{WORDS[n]} {_times(ratios[n].value)} the base's" for n in SCALES if n in ratios]
-    told += [f"their force {_times(push)} the friction"] if push < 1.0 else []
+    told = [f"{WORDS[n]} {ratios[n].value:.3g} times the base's" for n in SCALES if n in ratios]
+    told += [f"their force {push:.3g} times the friction"] if push < 1.0 else []
     return (
-        f"the pressures look {_times(best)} what they should be, as {' or '.join(looks)} are "
+        f"the pressures look {best:.3g} times what they should be, as {' or '.join(looks)} are "
         f"({', '.join(told)}); check their unit in the channel map"
     )
 
@@ -141,16 +233,15 @@ def push_of(logs: Sequence[Samples], base: Unit) -> float:
     return max(float(force), 1e-9) / friction if friction > 0.0 else 1.0
 
 
-def _times(factor: float) -> str:
-    return f"{factor:.3g} times"
-
-
 def _far(out: Judgement, ratios: dict[str, Ratio], base: Unit) -> None:
     sure = float(chdtri(1, FALSE_REFUSAL / len(WORDS)))
     for name, ratio in ratios.items():
-        told = f"{WORDS[name]} is {_times(ratio.value)} that of base {base.name}"
-        travel = name == "pump.displacement"
-        slip = _gain_slip(ratio) if travel else ""
+        told = f"{WORDS[name]} is {ratio.value:.3g} times that of base {base.name}"
+        travel, slip = name == "pump.displacement", ""
+        if travel:  # a slip that explains it better than the base's tolerance does
+            sizes = [_sizes(dimension) for dimension in ("length", "angle", "angular_speed")]
+            best = min((a / b for each in sizes for a in each for b in each if a != b), key=ratio.misfit)
+            slip = gain_slips(best) if ratio.misfit() - ratio.misfit(best) > ODDS else ""
         if slip or ratio.misfit() > sure:
             factor, why = exp(sqrt(sure) * ratio.open), TOLERANCES[name][1]
             out.refusals.append(
@@ -161,26 +252,9 @@ def _far(out: Judgement, ratios: dict[str, Ratio], base: Unit) -> None:
             out.limits.append(f"{told}: the next size, or another base would fit better")
 
 
-def _gain_slip(ratio: Ratio) -> str:
-    """The slip that explains travel per rad better than the base's tolerance does, at `ODDS`; else empty."""
-    length, angle, speed = (
-        sorted({m.factor for m in MEASURES.values() if m.dimension == d})
-        for d in ("length", "angle", "angular_speed")
-    )
-    pairs = [(a, b) for sizes in (length, angle, speed) for a in sizes for b in sizes if a != b]
-    best = min((a / b for a, b in pairs), key=ratio.misfit)
-    return gain_slips(best) if ratio.misfit() - ratio.misfit(best) > ODDS else ""
-
-
-def _temperature(samples: Samples) -> list[str]:
-    if "oil_temperature" not in samples:
-        return []
-    values = samples["oil_temperature"][np.isfinite(samples["oil_temperature"])]
-    if not values.size or COLDEST <= (middle := float(np.median(values))) <= HOTTEST:
-        return []
-    read = {u: MEASURES[u].factor * middle + MEASURES[u].offset for u in ("K", "degF")}
-    looks = next((u for u, celsius in read.items() if COLDEST <= celsius <= 90.0), None)
-    return [f"oil at {middle:.0f} °C" + (f": it looks like {looks} read as degC" if looks else "")]
+def _sizes(dimension: str) -> list[float]:
+    """What the units of one dimension are in SI."""
+    return sorted({m.factor for m in MEASURES.values() if m.dimension == dimension})
 
 
 def _open_questions(
@@ -191,8 +265,8 @@ def _open_questions(
     if leakage is not None and not 1.0 / WORTH_SAYING < leakage.value < WORTH_SAYING:
         which = "worn" if leakage.value > 1.0 else "differently built"
         out.limits.append(
-            f"leakage is {_times(leakage.value)} that of base {base.name}: a healthy unit of this kind, or a "
-            f"{which} one; compare with the maker's sheet"
+            f"leakage is {leakage.value:.3g} times that of base {base.name}: a healthy unit of this kind, or "
+            f"a {which} one; compare with the maker's sheet"
         )
     if logs == 1:
         out.remarks.append("one log: whether this unit's logs agree cannot be told; more go in by --add")
@@ -208,7 +282,7 @@ def _open_questions(
             out.limits.append(f"{words} stays the base's, the logs do not excite it")
 
 
-def unhealthy(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> list[tuple[str, bool]]:
+def _unhealthy(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> list[tuple[str, bool]]:
     """What the pipeline finds wrong in the logs, and whether that is sure.
 
     A fault that comes within a log, or a sensor's, shows even though the log is part of the profile. It is
@@ -224,21 +298,15 @@ def unhealthy(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> lis
         pipeline = Pipeline(strict, keep_trajectories=False)
         pipeline.push(each)
         answer = pipeline.finish()
-        if answer.verdict == "faulty":
-            first = answer.faults[0]
-            name = fault(first.fault).title.lower()
-            channel = f" of {first.channel}" if first.channel else ""
-            text = f"{label} does not look healthy: {name}{channel} since {first.onset_s:.1f} s"
-            failed = first.fault in ("sensor_dropout", "position_sensor_slip")
-            out.append((text, failed or _changes(unit, each, label, first.onset_s)))
+        if answer.verdict != "faulty":
+            continue
+        first = answer.faults[0]
+        channel = f" of {first.channel}" if first.channel else ""
+        name = f"{fault(first.fault).title.lower()}{channel}"
+        sure = first.fault in ("sensor_dropout", "position_sensor_slip")
+        cut = int(np.searchsorted(each.time, first.onset_s))
+        parts = [each.rows(0, cut), each.rows(cut, len(each))]
+        if not sure and min(part.duration for part in parts) >= SHORTEST_PART:
+            sure = any(c.refused for c in disagreement(unit, parts, [f"{label} before", f"{label} after"]))
+        out.append((f"{label} does not look healthy: {name} since {first.onset_s:.1f} s", sure))
     return out
-
-
-def _changes(unit: Unit, samples: Samples, label: str, onset: float) -> bool:
-    """Whether what is identified before and after a time disagrees."""
-    cut = int(np.searchsorted(samples.time, onset))
-    parts = [samples.rows(0, cut), samples.rows(cut, len(samples))]
-    if min(part.duration for part in parts) < SHORTEST_PART:
-        return False
-    compared = disagreement(unit, parts, [f"{label} before", f"{label} after"])
-    return any(c.refused for c in compared)

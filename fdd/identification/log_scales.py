@@ -12,6 +12,7 @@ import numpy as np
 from fdd.errors import InputError
 from fdd.identification.record import LEAST_TRAVEL, even_record
 from fdd.identification.signs import (
+    NEAR,
     UNLIKE,
     against_pressure,
     check_gain,
@@ -20,7 +21,6 @@ from fdd.identification.signs import (
     gain_slips,
     refuse_sign,
 )
-from fdd.identification.slips import NEAR
 from fdd.logs.quality import nominal_period
 from fdd.samples import Samples
 from fdd.unit import Unit

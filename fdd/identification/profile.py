@@ -33,11 +33,12 @@ class TableRow:
 
 @dataclass
 class Identification:
-    """Result of `identify_unit`.
+    """Result of `identify_unit`: puts numbers into the profile, with provenance, and keeps the table.
 
     Attributes
     ----------
-    unit : the base's copy with the identified numbers, each with source and standard deviation.
+    unit : the base's copy with the identified numbers, each with `source` and standard deviation.
+    base, source : what it is a copy of; where the numbers are from.
     table : what changed and what did not.
     notes : one sentence each: what was kept and why, what the numbers rest on.
     leakage : total of cross-port and half the case leakage; None where it stays the base's.
@@ -45,23 +46,12 @@ class Identification:
     """
 
     unit: Unit
+    base: Unit
+    source: str
     table: list[TableRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     balances: list[TableRow] = field(default_factory=list)
     leakage: Estimate | None = None
-
-
-class ProfileWriter:
-    """Puts numbers into the profile, with provenance, and keeps the table."""
-
-    def __init__(self, unit: Unit, base: Unit, source: str) -> None:
-        self.result = Identification(unit)
-        self.base = base
-        self.source = source
-
-    def note(self, text: str) -> None:
-        """Add a sentence to the result's notes."""
-        self.result.notes.append(text)
 
     def put(self, path: str, estimate: Estimate, note: str = "") -> None:
         """Set the number at a dotted path, with its source and standard deviation (SI)."""
@@ -69,24 +59,24 @@ class ProfileWriter:
         value, std = float(estimate.value), float(estimate.std)
         setattr(section, name, value)
         section.provenance[name] = Provenance(source=self.source, std=std)
-        self.result.table.append(replace(row, identified=value, std=std, note=note))
+        self.table.append(replace(row, identified=value, std=std, note=note))
 
     def decide(self, path: str, value: bool, why: str) -> None:
         """Set what is or is not so at a dotted path, 1 or 0 in the table, and say why."""
         section, name, row = self._find(path)
         setattr(section, name, value)
         section.provenance[name] = Provenance(source=self.source)
-        self.result.table.append(replace(row, identified=float(value), note=why))
+        self.table.append(replace(row, identified=float(value), note=why))
 
     def keep(self, path: str, why: str) -> None:
         """Leave the base's number and say why."""
-        self.result.table.append(replace(self._find(path)[2], note=why))
-        self.note(f"{path} kept: {why}")
+        self.table.append(replace(self._find(path)[2], note=why))
+        self.notes.append(f"{path} kept: {why}")
 
     def _find(self, path: str) -> tuple[Section, str, TableRow]:
         """The section and the name of the number at a path, and its row as long as it is kept."""
         *way, name = path.split(".")
-        section: Section | Unit = self.result.unit
+        section: Section | Unit = self.unit
         for step in way:
             section = getattr(section, step)
         assert isinstance(section, Section)
@@ -97,7 +87,7 @@ class ProfileWriter:
         """Replace a channel's sensor; a row for each of its numbers that was found."""
         before, unit = self.base.sensor(channel), CHANNELS[channel].unit
         sensor = fit.sensor.model_copy(update={"source": self.source})
-        self.result.unit.sensors[channel] = sensor
+        self.unit.sensors[channel] = sensor
         notes = {
             "noise": "white noise with the same density below 100 Hz",
             "zero": "against pressure_1 - pressure_2",
@@ -105,7 +95,7 @@ class ProfileWriter:
         for what in fit.found:
             known, value = float(getattr(before, what)), float(getattr(sensor, what))
             note = notes.get(what, "smallest step")
-            self.result.table.append(TableRow(f"sensors.{channel}.{what}", unit, known, value, None, note))
+            self.table.append(TableRow(f"sensors.{channel}.{what}", unit, known, value, None, note))
 
 
 WORDS = {

@@ -164,14 +164,21 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
 
     def even(values: Array, *, marks: bool = True) -> Array:
         there = np.isfinite(values)
-        if marks:
-            _mark_gaps(gap, numbers[there], n)
+        if marks:  # gaps longer than a straight line may bridge
+            edges = np.concatenate(([-1], numbers[there], [n]))
+            for k in np.flatnonzero(np.diff(edges) - 1 > LONGEST_GAP):
+                gap[edges[k] + 1 : edges[k + 1]] = True
         return np.interp(grid, numbers[there], values[there])
 
     turned = "pump_angle" in present
     angle = even(log["pump_angle"] if turned else accumulate_speed(log.time, log["pump_speed"], period))
     position = even(log["position"])
-    jumps = _mark_jumps(gap, angle, unit.drive.max_speed * period)
+    step = np.abs(np.diff(angle))
+    # No pump makes such jumps.
+    limit = 2.0 * max(unit.drive.max_speed * period, float(np.quantile(step, 0.99)))
+    jumps = np.flatnonzero(step > limit)
+    for row in jumps:
+        gap[max(row - LONGEST_GAP, 0) : row + LONGEST_GAP + 2] = True
     channels = ("pressure_difference", "pressure_1", "pressure_2")
     measured: dict[str, Array] = {c: even(log[c]) for c in channels if c in present}
     # With one chamber and the difference the other one follows.
@@ -180,29 +187,27 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
         p2 = p1 - dp
     elif dp is not None and p2 is not None and p1 is None:
         p1 = p2 + dp
-    chambers_measured = p1 is not None and p2 is not None
     accumulator = even(log["pressure_accumulator"]) if "pressure_accumulator" in present else None
     if p1 is None or p2 is None:
         difference = measured["pressure_difference"]
         smoothed = centred_mean(difference, max(round(0.025 / period), 1) | 1)
         known = np.full_like(position, np.nan) if accumulator is None else accumulator
         mean, tank = chambers_from_difference(smoothed, position, period, unit, known)
-        p1, p2 = mean + 0.5 * difference, mean - 0.5 * difference
-        accumulator_used = tank if accumulator is None else accumulator
+        p1, p2, measured_both = mean + 0.5 * difference, mean - 0.5 * difference, False
     else:
-        difference = p1 - p2 if dp is None else dp
-        accumulator_used = accumulator if accumulator is not None else _lower_chamber(p1, p2, period)
+        difference, measured_both = p1 - p2 if dp is None else dp, True
+        tank = _lower_chamber(p1, p2, period) if accumulator is None else accumulator
 
     def measured_if(channel: str) -> Array | None:
         return even(log[channel], marks=False) if channel in present else None
 
     record = Record(
         period=period, angle=angle, position=position, pressure_1=p1, pressure_2=p2,
-        accumulator=accumulator_used, difference=difference, gap=gap,
-        chambers_measured=chambers_measured, accumulator_measured=accumulator is not None,
+        accumulator=tank if accumulator is None else accumulator, difference=difference, gap=gap,
+        chambers_measured=measured_both, accumulator_measured=accumulator is not None,
         has_difference=dp is not None,
         current=measured_if("motor_current"), temperature=measured_if("oil_temperature"),
-        command=measured_if("command"), load=measured_if("load_force"), angle_jumps=jumps,
+        command=measured_if("command"), load=measured_if("load_force"), angle_jumps=int(jumps.size),
     )  # fmt: skip
     travel = float(np.sum(np.abs(np.diff(record.smooth(record.position, 0.05)[:: record.rows(0.05)]))))
     revolved = float(np.ptp(record.angle))
@@ -215,24 +220,6 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
         problem = f"the pump turns by {revolved:.2g} rad only"
         raise InputError(problem, where=where, mend="check the pump channel's unit")
     return record
-
-
-def _mark_gaps(gap: NDArray[np.bool_], rows: NDArray[np.int64], n: int) -> None:
-    """Mark the grid rows that lie in gaps longer than a straight line may bridge."""
-    edges = np.concatenate(([-1], rows, [n]))
-    wide = np.flatnonzero(np.diff(edges) - 1 > LONGEST_GAP)
-    for start, stop in zip(edges[wide] + 1, edges[wide + 1], strict=True):
-        gap[start:stop] = True
-
-
-def _mark_jumps(gap: NDArray[np.bool_], angle: Array, fastest: float) -> int:
-    """Mark the rows around jumps of the pump angle that no pump makes; returns their number."""
-    step = np.abs(np.diff(angle))
-    limit = 2.0 * max(fastest, float(np.quantile(step, 0.99)))
-    jumps = np.flatnonzero(step > limit)
-    for row in jumps:
-        gap[max(row - LONGEST_GAP, 0) : row + LONGEST_GAP + 2] = True
-    return int(jumps.size)
 
 
 def _lower_chamber(p1: Array, p2: Array, period: float) -> Array:

@@ -4,6 +4,7 @@ piston's travel either leaks away with the pressure or is compressed by it."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from fdd.errors import InputError
 from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
-from fdd.identification.slips import NEAR, slips
+from fdd.measures import MEASURES
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -35,6 +36,12 @@ LIKE = 0.9
 """Correlation of two channels from which their ratio is one of units, whatever its size."""
 UNLIKE = 0.25
 """Squared correlation of travel and turning below which even the sign of their ratio is open."""
+
+NEAR = 1.25
+"""Factor within which a slip explains what was found; of lengths, angles and pressures no two slips of one
+channel are nearer than 1.4 to each other, and none is nearer than 2.5 to one."""
+COMMON = ("m", "rad", "rad/s", "Pa", "kPa", "bar", "mm", "deg", "rpm", "MPa")
+"""Units in which logs are most often written or read, the commonest first."""
 
 
 def check_gain(record: Record, base: Unit, where: str) -> None:
@@ -237,3 +244,34 @@ def _regression(x: Array, y: Array) -> float | None:
     size = float(np.sqrt(np.sum(x**2) * np.sum(y**2)))
     product = float(np.sum(x * y))
     return product / float(np.sum(x**2)) if size > 0.0 and abs(product) > LIKE * size else None
+
+
+def slips(factor: float, dimension: str) -> str:
+    """Pairs of units that make a channel `factor` times too large, in words; empty where none does.
+
+    Examples
+    --------
+    >>> slips(1000.0, "length")
+    'mm read as m'
+    >>> slips(9.6, "angular_speed")
+    'rpm read as rad/s'
+    >>> slips(0.01, "pressure")
+    'bar read as kPa'
+    >>> slips(1.1, "pressure")
+    ''
+    """
+    if factor <= 0.0:
+        return ""
+
+    def rank(name: str) -> int:
+        return COMMON.index(name) if name in COMMON else len(COMMON)
+
+    fitting = []
+    for true, t in MEASURES.items():
+        for read, r in MEASURES.items():
+            if not t.dimension == r.dimension == dimension or t.factor == r.factor:
+                continue
+            off = abs(log(factor * t.factor / r.factor))
+            if off < log(NEAR):
+                fitting.append((round(off, 2), rank(read) + rank(true), f"{true} read as {read}"))
+    return min(fitting)[2] if fitting else ""

@@ -45,29 +45,19 @@ def decimate(time: Column, values: Column, buckets: int = BUCKETS) -> tuple[Colu
     if n <= 4 * buckets:
         return time, values
     size = -(-n // buckets)
-    rows = -(-n // size)
-    padded = np.full(rows * size, np.nan)
-    padded[:n] = values
-    table = padded.reshape(rows, size)
+    table = np.pad(values, (0, -n % size), constant_values=np.nan).reshape(-1, size)
     missing = np.isnan(table)
-    start = np.arange(rows) * size
+    start = np.arange(len(table)) * size
     # Padding must not count as a gap: the last bucket ends at the last sample.
     last_of = np.minimum(start + size, n) - 1
-    real_gap = missing.copy()
-    real_gap.reshape(-1)[n:] = False
+    real_gap = missing & (start[:, None] + np.arange(size) < n)
     has_gap = real_gap.any(axis=1)
-    kept = np.concatenate(
-        (
-            start,
-            last_of,
-            np.minimum(start + np.where(missing, np.inf, table).argmin(axis=1), last_of),
-            np.minimum(start + np.where(missing, -np.inf, table).argmax(axis=1), last_of),
-            (start + real_gap.argmax(axis=1))[has_gap],
-            (start + size - 1 - real_gap[:, ::-1].argmax(axis=1))[has_gap],
-        )
-    )
     keep = np.zeros(n, dtype=bool)
-    keep[kept] = True
+    keep[start] = keep[last_of] = True
+    keep[np.minimum(start + np.where(missing, np.inf, table).argmin(axis=1), last_of)] = True
+    keep[np.minimum(start + np.where(missing, -np.inf, table).argmax(axis=1), last_of)] = True
+    keep[(start + real_gap.argmax(axis=1))[has_gap]] = True
+    keep[(start + size - 1 - real_gap[:, ::-1].argmax(axis=1))[has_gap]] = True
     return time[keep], values[keep]
 
 
@@ -87,7 +77,7 @@ def envelope(
     n = time.size
     if n <= buckets:
         return time, low, high
-    start = _starts(n, buckets)
+    start = np.arange(0, n, -(-n // buckets))
     stop = np.append(start[1:], n) - 1
     missing = np.isnan(low) | np.isnan(high)
     lowest = np.minimum.reduceat(np.where(missing, np.inf, low), start)
@@ -99,16 +89,12 @@ def envelope(
     return mid, np.where(empty, np.nan, lowest), np.where(empty, np.nan, highest)
 
 
-def _starts(n: int, buckets: int) -> NDArray[np.intp]:
-    return np.arange(0, n, -(-n // buckets))
-
-
 def bucket_means(values: NDArray[np.float64], buckets: int = BUCKETS) -> NDArray[np.float64]:
     """Means over buckets of consecutive rows: (m, k) to at most (buckets, k)."""
     m = values.shape[0]
     if m <= buckets:
         return values
-    start = _starts(m, buckets)
+    start = np.arange(0, m, -(-m // buckets))
     counts = np.diff(np.append(start, m)).astype(np.float64)
     return np.add.reduceat(values, start, axis=0) / counts.reshape(-1, *([1] * (values.ndim - 1)))
 

@@ -101,27 +101,24 @@ def summary_csv(rows: Sequence[Row]) -> str:
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, lineterminator="\r\n")
     writer.writeheader()
+    of_log = ("log", "unit", "axis", "started_at", "duration_s", "samples", "verdict", "error")
+    of_fault = ("fault", "family", "onset_s", "detected_s", "severity", "channel", "side", "next_check")
     for row in rows:
         answer = row.answer
-        common = {
-            "log": answer.log, "unit": answer.unit, "axis": answer.axis, "started_at": answer.started_at,
-            "duration_s": answer.duration_s, "samples": answer.samples, "verdict": answer.verdict,
-            "quality_notes": len(answer.quality.notes), "error": answer.error, "report": row.page,
-        }  # fmt: skip
-        for found in [_fault_columns(fault) for fault in answer.faults] or [{}]:
-            writer.writerow({k: cell(v) for k, v in {**common, **found}.items()})
+        common: dict[str, object] = {name: getattr(answer, name) for name in of_log}
+        common |= {"quality_notes": len(answer.quality.notes), "report": row.page}
+        found: list[dict[str, object]] = []
+        for fault in answer.faults:
+            low, high = fault.severity_interval or (None, None)
+            shares = (str(fault.shares.get(name, "")) for name in fault.ambiguity)
+            found.append({
+                **{name: getattr(fault, name) for name in of_fault},
+                "ambiguity": " ".join(fault.ambiguity), "shares": " ".join(shares).strip(),
+                "confidence": round(fault.confidence, 6), "severity_low": low, "severity_high": high,
+            })  # fmt: skip
+        for each in found or [{}]:
+            writer.writerow({k: cell(v) for k, v in {**common, **each}.items()})
     return "\ufeff" + out.getvalue()
-
-
-def _fault_columns(fault: FaultFinding) -> dict[str, object]:
-    low, high = fault.severity_interval or (None, None)
-    same = ("fault", "family", "onset_s", "detected_s", "severity", "channel", "side", "next_check")
-    shares = (str(fault.shares.get(name, "")) for name in fault.ambiguity)
-    return {
-        **{name: getattr(fault, name) for name in same},
-        "ambiguity": " ".join(fault.ambiguity), "shares": " ".join(shares).strip(),
-        "confidence": round(fault.confidence, 6), "severity_low": low, "severity_high": high,
-    }  # fmt: skip
 
 
 def cell(value: object) -> object:

@@ -1,22 +1,25 @@
-"""The page: verdict, plots and tables in one HTML file that needs no network."""
+"""Pages: verdict, plots and tables in one HTML file that needs no network."""
 
 from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from markupsafe import Markup
 
+import fdd
 from fdd.diagnosis.findings import Diagnosis, Trajectories
 from fdd.files import write_text
 from fdd.report import plotly, tables
-from fdd.report.plots import Figure, sections
-from fdd.report.words import second_opinion_words, span, verdict_words
+from fdd.report.plots import Figure, Section, sections
+from fdd.report.words import MARKS, second_opinion_words, span, verdict_words
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -73,6 +76,58 @@ def page(
     )  # fmt: skip
 
 
+@dataclass
+class Table:
+    """Rows of text under a title; all but the first column are shown as numbers where `numbers`.
+
+    Attributes
+    ----------
+    note : above it. columns : titles, the first that of the rows' names. rows : as many texts each. marked :
+        places of rows that stand out.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    note: str = ""
+    numbers: bool = True
+    marked: set[int] = field(default_factory=set)
+
+
+@dataclass
+class Sheet:
+    """A page of tables and plots under one headline, for answers about several logs.
+
+    Attributes
+    ----------
+    kicker : above the headline: what it is about. kind : of verdict, which gives the colour.
+    """
+
+    kicker: str
+    headline: str
+    kind: Literal["healthy", "faulty", "inconclusive"]
+    remarks: list[str]
+    tables: list[Table]
+    sections: list[Section]
+
+
+def render_sheet(sheet: Sheet, *, alone: bool = True, made: datetime | None = None) -> str:
+    """The page as HTML, tables after the first behind the plots; text from logs is escaped.
+
+    Parameters
+    ----------
+    alone : the page holds plotly.js; else it loads the one beside it, see `plotly.write_bundle`.
+    made : when; now, where None.
+    """
+    shown: Sequence[Section] = [s for s in sheet.sections if s.figures]
+    for section in shown:
+        section.figures[-1].wide = len(section.figures) % 2 == 1
+    return page(
+        "sheet.html", [f for s in shown for f in s.figures], alone=alone, made=made, sheet=sheet,
+        sections=shown, mark=MARKS[sheet.kind], version=fdd.__version__,
+    )  # fmt: skip
+
+
 def stamp(made: datetime | None) -> str:
     """When a page was made, to the minute; now, where None."""
     return f"{made or datetime.now(UTC):%Y-%m-%d %H:%M UTC}"
@@ -91,11 +146,6 @@ def write_report(
     write_text(path, render_report(diagnosis, trajectories, samples, unit, settings, alone=alone))
 
 
-def _unbroken(text: str) -> str:
-    """The text with numbers kept on one line with the unit that follows."""
-    return re.sub(r"(?<=\d) (?=(?:%|s|min|h)\b|%)", "\u00a0", text)
-
-
 @lru_cache
 def template(name: str) -> jinja2.Template:
     """A page's template, e.g. ``"page.html"``: what is put into it is escaped."""
@@ -104,7 +154,9 @@ def template(name: str) -> jinja2.Template:
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["unbroken"] = _unbroken
+    # A number stays on one line with the unit that follows.
+    unit = re.compile(r"(?<=\d) (?=(?:%|s|min|h)\b|%)")
+    environment.filters["unbroken"] = lambda text: unit.sub("\u00a0", text)
     return environment.from_string(part(name))
 
 

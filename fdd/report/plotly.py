@@ -28,7 +28,7 @@ def packed(data: bytes) -> str:
 @lru_cache(maxsize=1)
 def bundle() -> tuple[str, str]:
     """The bundle for a page that stands alone: base64 of gzip, and what a policy calls its script."""
-    zipped = _zipped()
+    zipped = (resources.files("fdd.report") / f"{FILE}.gz").read_bytes()
     return base64.b64encode(zipped).decode("ascii"), source_hash(gzip.decompress(zipped))
 
 
@@ -40,7 +40,7 @@ def write_bundle(folder: Path) -> None:
     InputError : it cannot be written.
     """
     with whole_file(folder / FILE) as temporary:
-        temporary.write_bytes(gzip.decompress(_zipped()))
+        temporary.write_bytes(gzip.decompress(base64.b64decode(bundle()[0])))
 
 
 def source_hash(script: bytes) -> str:
@@ -52,7 +52,3 @@ def source_hash(script: bytes) -> str:
     "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
     """
     return f"'sha256-{base64.b64encode(hashlib.sha256(script).digest()).decode('ascii')}'"
-
-
-def _zipped() -> bytes:
-    return (resources.files("fdd.report") / f"{FILE}.gz").read_bytes()

@@ -67,6 +67,8 @@ class Section:
 
 def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples) -> list[Section]:
     """All figures of a report, in reading order; without those that have nothing to show."""
+    packages = [name.upper() for name in trajectories.estimates if name not in ESTIMATOR_TITLES]
+    others = f", and by {', '.join(packages)} of an installed package" if packages else ""
     found = [
         Section(
             "When and what",
@@ -76,7 +78,7 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
         ),
         Section(
             "Estimated quantities",
-            f"Tracked by two filters on one model{_others(trajectories)}, each with its ±2σ band, as one "
+            f"Tracked by two filters on one model{others}, each with its ±2σ band, as one "
             "line where they say the same. Grey: the motion at that time does not show the quantity, and the "
             "value is only carried along.",
             [f for name in ESTIMATED for f in _estimate(name, diagnosis, trajectories)],
@@ -90,26 +92,15 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
         ),
         Section("Measured signals", "", _measured(samples)),
     ]
-    reach = _reach(samples, trajectories)
+    # One x axis for all plots: from the first to the last time of the report.
+    times = [t for t in (samples.time, trajectories.time, trajectories.window_time) if t.size]
+    start = min((float(t[0]) for t in times), default=0.0)
+    stop = max((float(t[-1]) for t in times), default=1.0)
+    reach = start, stop if stop > start else start + 1.0
     for section in found:
         for figure in section.figures:
             _mark_faults(figure.layout, diagnosis.faults, reach)
     return [s for s in found if s.figures]
-
-
-def _others(trajectories: Trajectories) -> str:
-    """Trackers of packages, where some ran."""
-    names = [name.upper() for name in trajectories.estimates if name not in ESTIMATOR_TITLES]
-    return f", and by {', '.join(names)} of an installed package" if names else ""
-
-
-def _reach(samples: Samples, trajectories: Trajectories) -> tuple[float, float]:
-    """First and last time of the report: one x axis for all plots."""
-    times = [t for t in (samples.time, trajectories.time, trajectories.window_time) if t.size]
-    if not times:
-        return 0.0, 1.0
-    start, stop = min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
-    return start, stop if stop > start else start + 1.0
 
 
 def _mark_faults(layout: dict[str, Any], faults: list[FaultFinding], reach: tuple[float, float]) -> None:
@@ -260,18 +251,14 @@ def _features(trajectories: Trajectories) -> list[Figure]:
     magnitude = np.abs(np.where(np.isfinite(features), features, 0.0))
     # The strongest by what they reach for a tenth of the time, not by one spike.
     shown = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")[: len(tr.LINE_COLOURS)]
+    titles = [BALANCES[n].title if n in BALANCES else n.replace("_", " ") for n in names]
     lines = [
-        tr.line(time, features[:, i], _feature_title(names[i]), tr.LINE_COLOURS[rank], buckets=BUCKETS // 2)
+        tr.line(time, features[:, i], titles[i], tr.LINE_COLOURS[rank], buckets=BUCKETS // 2)
         for rank, i in enumerate(shown)
     ]
     limit = [tr.level(time, 1.0, "healthy", colour=tr.GREY, dash="dot")]
     layout = tr.layout()
     return [Figure("features", "Misfit of balances", lines + limit, layout, MISFIT, wide=True, height=320)]
-
-
-def _feature_title(name: str) -> str:
-    known = BALANCES.get(name)
-    return name.replace("_", " ") if known is None else known.title
 
 
 def _measured(samples: Samples) -> list[Figure]:

@@ -60,29 +60,23 @@ def estimate_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     return rows
 
 
-def _estimate_row(name: str, estimate: Estimate) -> dict[str, str]:
-    _, unit, title = ESTIMATED.get(name, (estimate.unit, estimate.unit, name.replace("_", " ").capitalize()))
+def _estimate_row(name: str, e: Estimate) -> dict[str, str]:
+    _, unit, title = ESTIMATED.get(name, (e.unit, e.unit, name.replace("_", " ").capitalize()))
     scale = DISPLAY_SCALE.get(name, 1.0)
-    scaled = [None if x is None else x * scale for x in (estimate.baseline, estimate.value, estimate.std)]
-    change = NOTHING
-    if estimate.value is not None and estimate.baseline and math.isfinite(estimate.value):
-        percent_change = round(100.0 * (estimate.value / estimate.baseline - 1.0))
+    baseline, value, std, last, last_std = (
+        None if x is None else x * scale for x in (e.baseline, e.value, e.std, e.held, e.held_std)
+    )
+    change = NOTHING if e.observable else "not seen"
+    if e.observable and e.value is not None and e.baseline and math.isfinite(e.value):
+        percent_change = round(100.0 * (e.value / e.baseline - 1.0))
         change = f"{percent_change:+d} %".replace("-", "−") if percent_change else "0 %"
+    held = ""  # while it is observable, and where it never was known
+    if not (e.observable or last is None or e.age_s is None or (last_std or 0.0) > abs(last)):
+        held = f"{with_std(last, last_std)}, {span(e.age_s)} before the end"
     return {
-        "quantity": title, "unit": unit, "baseline": number(scaled[0]),
-        "value": with_std(scaled[1], scaled[2]), "change": change if estimate.observable else "not seen",
-        "observable": "yes" if estimate.observable else "no", "held": _held(estimate, scale),
+        "quantity": title, "unit": unit, "baseline": number(baseline), "value": with_std(value, std),
+        "change": change, "observable": "yes" if e.observable else "no", "held": held,
     }  # fmt: skip
-
-
-def _held(estimate: Estimate, scale: float) -> str:
-    """What it was when last observable, and when; empty while it is, and where it never was."""
-    if estimate.observable or estimate.held is None or estimate.age_s is None:
-        return ""
-    std = None if estimate.held_std is None else estimate.held_std * scale
-    if std is not None and std > abs(estimate.held * scale):  # it never was known
-        return ""
-    return f"{with_std(estimate.held * scale, std)}, {span(estimate.age_s)} before the end"
 
 
 def probability_rows(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
@@ -111,11 +105,16 @@ def invisible_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 def quality_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """What was missing in the data, as counts and shares."""
     q = diagnosis.quality
-    total = diagnosis.samples + q.dropped_samples
+
+    def counted(count: int, total: int) -> str:
+        share = 100.0 * count / max(total, 1)
+        told = f"{share:.2g} %" if share >= 0.01 else "under 0.01 %"
+        return f"{grouped(count)} ({told})" if count and total > 0 else grouped(count)
+
     return [
         ("Samples", grouped(diagnosis.samples)),
-        ("Dropped samples", _count(q.dropped_samples, total)),
-        ("Samples with missing values", _count(q.nan_samples, diagnosis.samples)),
+        ("Dropped samples", counted(q.dropped_samples, diagnosis.samples + q.dropped_samples)),
+        ("Samples with missing values", counted(q.nan_samples, diagnosis.samples)),
         ("Jumps in time", grouped(q.time_jumps)),
     ]
 
@@ -123,13 +122,6 @@ def quality_rows(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 def grouped(count: int) -> str:
     """A count with thin spaces between thousands."""
     return f"{count:,}".replace(",", "\u202f")
-
-
-def _count(count: int, total: int) -> str:
-    if count == 0 or total <= 0:
-        return grouped(count)
-    share = 100.0 * count / total
-    return f"{grouped(count)} ({share:.2g} %)" if share >= 0.01 else f"{grouped(count)} (under 0.01 %)"
 
 
 def unit_rows(unit: Unit) -> list[tuple[str, str]]:

@@ -143,21 +143,18 @@ def faded(colour: str, opacity: float) -> str:
     return f"rgba({r},{g},{b},{opacity})"
 
 
-def _tall(kind: str, start: float, stop: float) -> dict[str, Any]:
-    """A shape from the bottom of the plot to its top."""
-    ends = {"x0": round(start, 4), "x1": round(stop, 4), "y0": 0, "y1": 1}
-    return {"type": kind, "xref": "x", "yref": "paper", **ends}
-
-
 def shade(start: float, stop: float) -> dict[str, Any]:
-    """A grey stretch of time behind the lines."""
+    """A grey stretch of time behind the lines, from the bottom of the plot to its top."""
+    ends = {"x0": round(start, 4), "x1": round(stop, 4), "y0": 0, "y1": 1}
     style = {"fillcolor": faded(GREY, 0.17), "line": {"width": 0}, "layer": "below"}
-    return {**_tall("rect", start, stop), **style}
+    return {"type": "rect", "xref": "x", "yref": "paper", **ends, **style}
 
 
 def upright(at: float, *, dash: str) -> dict[str, Any]:
     """A vertical line through the whole plot."""
-    return {**_tall("line", at, at), "line": {"width": 1.5, "dash": dash}, "name": MARK}
+    ends = {"x0": round(at, 4), "x1": round(at, 4), "y0": 0, "y1": 1}
+    style = {"line": {"width": 1.5, "dash": dash}, "name": MARK}
+    return {"type": "line", "xref": "x", "yref": "paper", **ends, **style}
 
 
 def upright_label(at: float, text: str, *, left: bool) -> dict[str, Any]:

@@ -92,9 +92,9 @@ def span(value: float) -> str:
     return f"{value:.0f} s" if value >= 10.0 else f"{value:.1f} s"
 
 
-def either(names: list[str]) -> str:
-    """``a``, ``a or b``, ``a, b or c``."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+def listed(names: list[str], last: str = "or") -> str:
+    """``a``, ``a or b``, ``a, b or c``; with another word before the last."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def candidates(finding: FaultFinding) -> str:
@@ -105,7 +105,7 @@ def candidates(finding: FaultFinding) -> str:
     )
     if len(others) > 1:
         return f"{first} or one of {len(others)} others"
-    return either([first, *others])
+    return listed([first, *others])
 
 
 def finding_words(finding: FaultFinding, unit: Unit | None = None) -> FindingWords:
@@ -144,8 +144,8 @@ def _alternatives(finding: FaultFinding) -> str:
             less.append(f"{fault_title(name)} ({percent(shares[name])})")
         elif name != finding.fault:
             alike.append(fault_title(name) + (f" ({percent(shares[name])})" if name in shares else ""))
-    said = [f"it could as well be {either(alike)}"] if alike else []
-    said += [f"less likely it is {either(less)}"] if less else []
+    said = [f"it could as well be {listed(alike)}"] if alike else []
+    said += [f"less likely it is {listed(less)}"] if less else []
     if not said:
         return ""
     text = "; ".join(said)
@@ -157,25 +157,12 @@ def _alternatives(finding: FaultFinding) -> str:
 
 def severity_one(fault: str, unit: Unit | None) -> str:
     """What severity 1 of a fault means, in figures of this unit's size; of the thesis's where None."""
-    text = CATALOGUE[fault].severity if fault in CATALOGUE else ""
-    if unit is None:
-        return text
-    scales, thesis = Scales.of(unit), Scales.of(Unit.load("axis_a"))
-    factors = {
-        "m³/(s·Pa)": scales.fault_leakage / thesis.fault_leakage,
-        "m³/s": scales.orifice / thesis.orifice,
-        "kPa": scales.pressure / thesis.pressure,
-    }
-
-    def own(found: re.Match[str]) -> str:
-        if factors[found[2]] == 1.0:
-            return found[0]
-        power = "e-12" if "e-12" in found[1] else ""
-        value = float(found[1].removesuffix(power)) * factors[found[2]]
-        return f"{value:.3g}{power} {found[2]}"
-
-    # A pressure in the case is the accumulator's, no scale.
-    return re.sub(r"([\d.]+(?:e-\d+)?) (m³/\(s·Pa\)|m³/s|kPa)(?! in the case)", own, text)
+    entry = CATALOGUE.get(fault)
+    if entry is None or unit is None or not entry.amounts:
+        return "" if entry is None else entry.severity
+    own, thesis = Scales.of(unit), Scales.of(Unit.load("axis_a"))
+    factors = {a.words(): a.words(getattr(own, a.grows) / getattr(thesis, a.grows)) for a in entry.amounts}
+    return re.sub("|".join(map(re.escape, factors)), lambda found: factors[found[0]], entry.severity)
 
 
 def place(named: FaultFinding | Invisible) -> str:
@@ -203,7 +190,19 @@ def verdict_words(diagnosis: Diagnosis, unit: Unit | None = None) -> VerdictWord
         remark = "" if sure is None else f"{percent(sure).capitalize()} sure."
         return VerdictWords(kind, mark, f"Healthy: no fault found in {span(diagnosis.duration_s)}", remark)
     if kind == "inconclusive":
-        return VerdictWords(kind, mark, f"Inconclusive: {_why(diagnosis)}", _hints(diagnosis), findings)
+        blind, leaning = _not_observable(diagnosis), _leaning(diagnosis)
+        note = diagnosis.quality.notes[0].strip().rstrip(".") if diagnosis.quality.notes else ""
+        if diagnosis.samples == 0:
+            note = "the log holds no samples"
+        elif not note and blind and len(blind) == len(diagnosis.estimates):
+            note = "the motion in this log shows none of the quantities that faults act on"
+        why = note or f"no answer is sure enough after {span(diagnosis.duration_s)}"
+        hints = [
+            f"Most probable: {leaning}." if leaning else "",
+            f"Not observable in this log: {', '.join(blind)}." if blind else "",
+            "What is suspected stands below; take it as a hint, not as a finding." if findings else "",
+        ]
+        return VerdictWords(kind, mark, f"Inconclusive: {why}", " ".join(filter(None, hints)), findings)
     if not findings:
         return VerdictWords(kind, mark, "Faulty: the log differs from a healthy one", _leaning(diagnosis))
     remark = "" if len(findings) == 1 else f"{len(findings)} faults found, the surest first."
@@ -213,33 +212,6 @@ def verdict_words(diagnosis: Diagnosis, unit: Unit | None = None) -> VerdictWord
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in one line, for a terminal or a page's title."""
     return verdict_words(diagnosis).headline
-
-
-def _why(diagnosis: Diagnosis) -> str:
-    """Why a diagnosis is inconclusive: its first note on the data, or what the answer itself tells."""
-    if diagnosis.samples == 0:
-        return "the log holds no samples"
-    note = diagnosis.quality.notes[0].strip().rstrip(".") if diagnosis.quality.notes else ""
-    if note:
-        return note
-    blind = _not_observable(diagnosis)
-    if blind and len(blind) == len(diagnosis.estimates):
-        return "the motion in this log shows none of the quantities that faults act on"
-    return f"no answer is sure enough after {span(diagnosis.duration_s)}"
-
-
-def _hints(diagnosis: Diagnosis) -> str:
-    """What stands beside an inconclusive verdict: where it leans, and what could not be seen."""
-    parts = []
-    leaning = _leaning(diagnosis)
-    if leaning:
-        parts.append(f"Most probable: {leaning}.")
-    blind = _not_observable(diagnosis)
-    if blind:
-        parts.append(f"Not observable in this log: {', '.join(blind)}.")
-    if diagnosis.faults:
-        parts.append("What is suspected stands below; take it as a hint, not as a finding.")
-    return " ".join(parts)
 
 
 def _not_observable(diagnosis: Diagnosis) -> list[str]:

@@ -12,8 +12,7 @@ from fdd.diagnosis.answering import healthy_of
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis, Estimate, FaultFinding, Quality
 from fdd.errors import InputError
 from fdd.faults import FAMILIES
-from fdd.history.limits import severity_one
-from fdd.history.trend import trend_of
+from fdd.history.trend import severity_one, trend_of
 from fdd.service.store import Store
 from fdd.service.store.records import SPANS_S
 from fdd.unit import Unit, shipped_units

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fdd.identification.experiments.hydraulic import Coefficients, from_profile
+from fdd.identification.experiments.response import Coefficients, from_profile
 from fdd.measures import ATMOSPHERE_PA
 from fdd.plant.details import Details
 from fdd.plant.faults.spec import FaultScales, FaultSpec

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import butter, fftconvolve, lfilter, sosfiltfilt
 
-from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
+from fdd.identification.experiments.spectra import half_power_frequency
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -110,6 +110,30 @@ def _exponential(matrix: Array) -> Array:
     for _ in range(halvings):
         total = total @ total
     return total
+
+
+def empirical_response(
+    given: Array, caused: Array, period: float, width_hz: float = 2.0
+) -> tuple[Array, ComplexArray]:
+    """The thesis's estimate (ETFE): output's transform over input's, smoothed by a Hamming window.
+
+    Cross and own spectrum are averaged over the window before the division (Ljung, System Identification, 2nd
+    ed., eq. 6.46).
+
+    Parameters
+    ----------
+    given, caused : (n,) input and output. period : s. width_hz : of the window.
+
+    Returns
+    -------
+    frequency (n // 2 + 1,) in Hz and response (n // 2 + 1,).
+    """
+    u, y = np.fft.rfft(given - given.mean()), np.fft.rfft(caused - caused.mean())
+    window = np.hamming(max(round(width_hz * given.size * period), 1) | 1)
+    powers = np.array([u, y]) * np.conj(u)
+    own, cross = np.asarray(fftconvolve(powers, window[None, :], mode="same", axes=1), dtype=np.complex128)
+    frequency = np.asarray(np.fft.rfftfreq(given.size, period), dtype=np.float64)
+    return frequency, np.asarray(cross / np.maximum(own.real, 1e-12 * own.real.max()))
 
 
 def velocity(position: Array, period: float, cutoff_hz: float = 150.0) -> Array:

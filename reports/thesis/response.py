@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.identification.experiments.etfe import half_power_frequency
-from fdd.identification.experiments.hydraulic import from_profile
+from fdd.identification.experiments.response import from_profile
+from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.plant.details import Details
 from fdd.unit import Unit
 from reports.thesis.frequency_response import (

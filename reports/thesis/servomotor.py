@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.identification.experiments.etfe import empirical_response, half_power_frequency
 from fdd.identification.experiments.response import decibel, degrees
+from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.plant.details import Details
 from fdd.unit import Unit
 from reports.thesis.frequency_response import (
     TransferFunction,
+    empirical_response,
     fit_output_error,
     held_input,
     velocity,

@@ -18,7 +18,7 @@ from fdd.cli.tables import print_sheet
 from fdd.logs.mcap_writing import RunBlock, write_blocks
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
-from fdd.report.sheet import Sheet, Table
+from fdd.report.page import Sheet, Table
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")

@@ -12,8 +12,8 @@ import yaml
 
 from fdd.data_sheet import QUESTIONS, derived, parsed
 from fdd.data_sheet.accumulator import accumulator_volumes
-from fdd.data_sheet.efficiency import volumetric_efficiency
 from fdd.errors import InputError
+from fdd.identification.experiments.leakage import volumetric_efficiency
 from fdd.unit import Unit
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -65,6 +65,11 @@ def test_each_entry_says_what_severity_one_means(entry: Fault) -> None:
     # A figure with its unit; of sensors that drop out, when.
     unit = r"(%|m³/\(s·Pa\)|m³/s|cm³/min|kPa|kPa/s|mm|degrees|s)"
     assert re.search(rf"\d {unit}(?=[\s,;.)]|$)", entry.severity), entry.severity
+    fixed = entry.severity
+    for amount in entry.amounts:
+        assert amount.words() in fixed
+        fixed = fixed.replace(amount.words(), "")
+    assert " m³/" not in fixed, "a flow or leakage goes with the machine's size"
     assert entry.source, "where does that scale come from?"
     assert entry.plant and entry.title and (entry.thesis or entry.id in ADDED_BY)
     for variant in entry.variants:

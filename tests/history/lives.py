@@ -17,12 +17,8 @@ DAYS = 330.0
 def made_up_answer(
     name: str, day: float | None, factors: dict[str, float], stds: dict[str, float], warm: float
 ):
-    """An answer whose healthy leakage is exp(`warm`) times that at the reference temperature.
-
-    Parameters
-    ----------
-    factors, stds : of the healthy value at the log's own temperature.
-    """
+    """An answer whose healthy leakage is exp(`warm`) times that at the reference temperature; `factors` and
+    `stds` are of the healthy value at the log's own temperature."""
     estimates = {}
     for quantity, healthy in HEALTHY.items():
         base = healthy * (np.exp(warm) if quantity == "leakage" else 1.0)
@@ -39,20 +35,13 @@ def made_up_answer(
 
 
 def life(
-    seed: int,
-    growth: float = 0.0,
-    logs: int = 12,
-    *,
-    dated: bool = True,
+    seed: int, growth: float = 0.0, logs: int = 12, *, dated: bool = True,
     leaks_by: Callable[[float], float] = lambda warm: 1.0,
-) -> list[Diagnosis]:
+) -> list[Diagnosis]:  # fmt: skip
     """A life in which leakage grows by `growth` of the healthy one, straight, over `DAYS`.
 
-    Every log errs by its own standard deviation, and by 2 % (friction 5 %) from log to log.
-
-    Parameters
-    ----------
-    leaks_by : how the leakage differs from the viscosity law, a factor by the log's warmth.
+    Every log errs by its own standard deviation, and by 2 % (friction 5 %) from log to log. `leaks_by` is how
+    the leakage differs from the viscosity law, a factor by the log's warmth.
     """
     rng = np.random.default_rng(seed)
     days = np.sort(rng.uniform(0.0, DAYS, logs))
@@ -61,11 +50,8 @@ def life(
     for k, day in enumerate(days):
         warm = float(rng.normal(0.0, 0.4))
         stds = {name: float(rng.uniform(0.01, 0.04)) for name in HEALTHY}
-        factors = {
-            name: 1.0
-            + float(rng.normal(0.0, stds[name]) + rng.normal(0.0, 0.05 if "friction" in name else 0.02))
-            for name in HEALTHY
-        }
+        usual = {name: 0.05 if "friction" in name else 0.02 for name in HEALTHY}
+        factors = {n: 1.0 + float(rng.normal(0.0, stds[n]) + rng.normal(0.0, usual[n])) for n in HEALTHY}
         factors["leakage"] = (factors["leakage"] + growth * day / DAYS) * leaks_by(warm)
         out.append(made_up_answer(f"run{k:02d}.mcap", float(day) if dated else None, factors, stds, warm))
     return out

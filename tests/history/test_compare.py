@@ -10,11 +10,11 @@ import pytest
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.history.answers import Comparison
 from fdd.history.compare import NO_CHANGE, Side, compare
-from fdd.history.compare_view import compare_sheet
-from fdd.history.spectra import changed_lines, spectra_of
+from fdd.history.signals import changed_lines, spectra_of
+from fdd.history.view import compare_sheet
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
-from fdd.report.sheet import render_sheet
+from fdd.report.page import render_sheet
 from fdd.samples import Samples
 from fdd.unit import Unit
 

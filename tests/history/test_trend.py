@@ -9,11 +9,10 @@ from lives import DAYS, alarmed, life
 from fdd.diagnosis.findings import Diagnosis
 from fdd.errors import InputError
 from fdd.history.answers import Life, Trend
-from fdd.history.changes import seen
-from fdd.history.limits import given_limits, severity_one
-from fdd.history.trend import trend_of
-from fdd.history.trend_view import trend_csv, trend_sheet
-from fdd.report.sheet import render_sheet
+from fdd.history.compare import seen
+from fdd.history.trend import given_limits, severity_one, trend_of
+from fdd.history.view import trend_csv, trend_sheet
+from fdd.report.page import render_sheet
 from fdd.unit import Unit
 
 REPEATS = 200

@@ -35,19 +35,15 @@ def random_unit(seed: int) -> Unit:
     rng = np.random.default_rng(seed)
     unit = Unit.load("axis_a")
 
-    def vary(value: float) -> float:
-        return float(value * rng.uniform(0.85, 1.15))
-
-    unit.pump.displacement = vary(unit.pump.displacement)
-    unit.pump.cross_port_leakage = vary(unit.pump.cross_port_leakage)
-    unit.pump.case_leakage = vary(unit.pump.case_leakage)
-    unit.oil.bulk_modulus = vary(unit.oil.bulk_modulus)
-    unit.oil.air_fraction = vary(unit.oil.air_fraction)
-    unit.accumulator.charge_pressure = vary(unit.accumulator.charge_pressure)
-    unit.drive.torque_constant = vary(unit.drive.torque_constant)
-    for branch in (unit.friction.forward, unit.friction.reverse):
-        branch.coulomb, branch.static = vary(branch.coulomb), vary(branch.static)
-        branch.viscous = vary(branch.viscous)
+    for section, names in (
+        (unit.pump, ("displacement", "cross_port_leakage", "case_leakage")),
+        (unit.oil, ("bulk_modulus", "air_fraction")),
+        (unit.accumulator, ("charge_pressure",)),
+        (unit.drive, ("torque_constant",)),
+        *((b, ("coulomb", "static", "viscous")) for b in (unit.friction.forward, unit.friction.reverse)),
+    ):
+        for name in names:
+            setattr(section, name, float(getattr(section, name) * rng.uniform(0.85, 1.15)))
     unit.friction.trial_spread = 0.0  # the draw of a run would be the truth then, not the curve
     for channel, size in (("pressure_difference", 8e3), ("pressure_1", 2e3), ("pressure_2", 2e3)):
         unit.sensors[channel].zero = float(rng.normal(0.0, size))
@@ -59,36 +55,20 @@ def calibration_logs(unit: Unit, seed: int, **changes: Any) -> list[Samples]:
     changes["details"] = {**KNOWN, **changes.get("details", {})}
 
     def strokes(speeds: list[float], turn: float, amplitude: float) -> dict[str, object]:
-        return {
-            "name": "constant_speed",
-            "speeds": speeds,
-            "turn": turn,
-            "amplitude": amplitude,
-            "dwell": 0.3,
-        }
+        return {"name": "constant_speed", "speeds": speeds, "turn": turn, "amplitude": amplitude,
+                "dwell": 0.3}  # fmt: skip
 
     sines = {"name": "sines", "amplitude": 0.02, "low_hz": 0.5, "high_hz": 8.0, "count": 6, "tilt": 0.6}
-    throttle = {"name": "throttle", "pressure": 2.0e6}
-    spring = {"name": "spring", "rate": 3.5e4}
-    speed, position = {"mode": "speed"}, {"mode": "position"}
+    throttle, spring = {"name": "throttle", "pressure": 2.0e6}, {"name": "spring", "rate": 3.5e4}
     runs = (
-        (36.0, strokes([50.0, 120.0, 240.0], 12.0, 0.08), speed, {"name": "none"}),
-        (8.0, sines, position, {"name": "none"}),
-        (16.0, strokes([60.0, 100.0], 8.0, 0.06), speed, throttle),
-        (12.0, strokes([100.0], 10.0, 0.08), speed, spring),
+        (36.0, strokes([50.0, 120.0, 240.0], 12.0, 0.08), "speed", {"name": "none"}),
+        (8.0, sines, "position", {"name": "none"}),
+        (16.0, strokes([60.0, 100.0], 8.0, 0.06), "speed", throttle),
+        (12.0, strokes([100.0], 10.0, 0.08), "speed", spring),
     )
-    return [
-        simulate(
-            unit,
-            Scenario(
-                duration=duration,
-                duty=duty,
-                control=control,
-                load=load,
-                seed=10 * seed + i,
-                oil_temperature=TEMPERATURE,
-                **changes,
-            ),
-        ).samples
-        for i, (duration, duty, control, load) in enumerate(runs)
+    common = {"oil_temperature": TEMPERATURE, **changes}
+    scenarios = [
+        Scenario(duration=s, duty=duty, control={"mode": mode}, load=load, seed=10 * seed + i, **common)
+        for i, (s, duty, mode, load) in enumerate(runs)
     ]
+    return [simulate(unit, scenario).samples for scenario in scenarios]

@@ -32,9 +32,8 @@ def spread_unit(seed: int) -> Unit:
     unit.drive.torque_constant *= factor(0.03)
     for branch in (unit.friction.forward, unit.friction.reverse):
         grip = factor(0.2)
-        branch.coulomb *= grip
-        branch.static *= grip
-        branch.viscous *= grip
+        for name in ("coulomb", "static", "viscous"):
+            setattr(branch, name, grip * getattr(branch, name))
     for channel, size in (("pressure_difference", 8e3), ("pressure_1", 2e3), ("pressure_2", 2e3)):
         unit.sensors[channel].zero = float(rng.normal(0.0, size))
     return unit
@@ -46,13 +45,10 @@ def work(
     """30 s of ordinary work on warm oil; duty and load are drawn where they are not given."""
     rng = np.random.default_rng(seed)
     scenario = Scenario(
-        duration=30.0,
-        duty={"name": duty or str(rng.choice(DUTIES))},
-        load={"name": load or str(rng.choice(LOADS))},
-        oil_temperature=float(rng.uniform(30.0, 45.0)),
-        faults=[] if fault is None else [fault],
-        seed=seed,
-    )
+        duration=30.0, duty={"name": duty or str(rng.choice(DUTIES))},
+        load={"name": load or str(rng.choice(LOADS))}, oil_temperature=float(rng.uniform(30.0, 45.0)),
+        faults=[] if fault is None else [fault], seed=seed,
+    )  # fmt: skip
     return simulate(unit, scenario).samples
 
 
@@ -63,3 +59,7 @@ def scaled(log: Samples, factor: float, *channels: str) -> Samples:
 
 def only(log: Samples, *channels: str) -> Samples:
     return Samples(log.time, {c: log[c] for c in channels})
+
+
+def with_swapped_chambers(log: Samples) -> Samples:
+    return log.with_columns({"pressure_1": log["pressure_2"], "pressure_2": log["pressure_1"]})

@@ -9,7 +9,7 @@ from spread_units import spread_unit, work
 from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
 from fdd.identification import identify_unit
-from fdd.identification.adding import add_logs
+from fdd.identification.from_logs import add_logs
 from fdd.identification.judgement import judge
 from fdd.samples import Samples
 from fdd.unit import Unit

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
+
 import numpy as np
 import pytest
 from healthy_units import TEMPERATURE, Case, calibration_logs, random_unit
@@ -9,6 +11,7 @@ from spread_units import only
 
 from fdd.errors import InputError
 from fdd.identification import Identification, identify_unit
+from fdd.identification.friction import curve
 from fdd.plant import oil as plant_oil
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
@@ -61,12 +64,8 @@ def test_friction_is_that_of_the_unit_although_half_of_the_logs_are_loaded(case:
         assert found.coulomb == pytest.approx(truth.coulomb, rel=0.15)
         assert found.static >= found.coulomb
 
-        def steady(branch: object) -> np.ndarray:
-            fall = np.exp(-((speed / branch.stribeck_velocity) ** branch.stribeck_exponent))
-            return branch.coulomb + (branch.static - branch.coulomb) * fall + branch.viscous * speed
-
         # 2 kPa of zero in either chamber feign some 4 N.
-        np.testing.assert_allclose(steady(found), steady(truth), rtol=0.05, atol=10.0)
+        np.testing.assert_allclose(curve(found, speed), curve(truth, speed), rtol=0.05, atol=10.0)
     assert case.found.unit.friction.trial_spread == case.base.friction.trial_spread
 
 
@@ -106,17 +105,15 @@ def test_standard_deviations_are_honest(cases: dict[int, Case]) -> None:
     ratios = []
     for case in cases.values():
         truths = {
-            "pump.displacement": case.truth.pump.displacement,
-            "oil.bulk_modulus": true_bulk_modulus(case, case.found),
-            "oil.air_fraction": case.truth.oil.air_fraction,
-            "drive.torque_constant": case.truth.drive.torque_constant,
-            "friction.forward.coulomb": case.truth.friction.forward.coulomb,
-            "friction.reverse.coulomb": case.truth.friction.reverse.coulomb,
-            "friction.forward.static": case.truth.friction.forward.static,
-            "friction.reverse.viscous": case.truth.friction.reverse.viscous,
-        }
+            name: attrgetter(name)(case.truth)
+            for name in (
+                "pump.displacement", "oil.air_fraction", "drive.torque_constant", "friction.forward.coulomb",
+                "friction.reverse.coulomb", "friction.forward.static", "friction.reverse.viscous",
+            )
+        }  # fmt: skip
         thicker = float(plant_oil.viscosity_ratio(case.truth.oil, TEMPERATURE))
         truths["pump.cross_port_leakage"] = case.truth.pump.cross_port_leakage / thicker
+        truths["oil.bulk_modulus"] = true_bulk_modulus(case, case.found)
         for quantity, truth in truths.items():
             value, std = identified(case.found, quantity)
             assert std > 0.0
@@ -218,9 +215,6 @@ def test_a_spring_on_every_stroke_is_not_taken_for_friction(cases: dict[int, Cas
         assert getattr(found.unit.friction, direction).coulomb < 400.0
 
 
-# --- refusals: one line that names the problem
-
-
 def refused(logs: list[Samples], base: Unit) -> str:
     with pytest.raises(InputError) as error:
         identify_unit(logs, base)
@@ -244,8 +238,6 @@ def test_refusals(cases: dict[int, Case]) -> None:
     assert "check the units" in refused([inch], base)
     backwards = log.with_columns({"position": -log["position"]})
     assert "sign" in refused([backwards], base)
-    swapped = log.with_columns({"pressure_1": log["pressure_2"], "pressure_2": log["pressure_1"]})
-    assert "swap pressure_1 and pressure_2" in refused([swapped], base)
     assert "healthy log 2" in refused([log, inch], base)
 
 
@@ -259,21 +251,14 @@ def test_a_long_hole_is_refused(cases: dict[int, Case]) -> None:
 def test_dead_pressure_sensors_leave_the_bases_numbers(cases: dict[int, Case]) -> None:
     """Constant pressures carry nothing of leakage, oil or friction: a singular regression, not a crash."""
     log, base = cases[1].logs[0], cases[1].base
-    dead = np.full(len(log), 6e5)
-    accumulator = np.full(len(log), 4.5e5)
-    found = identify_unit(
-        [log.with_columns({"pressure_1": dead, "pressure_2": dead, "pressure_accumulator": accumulator})],
-        base,
-    )
+    levels = {"pressure_1": 6e5, "pressure_2": 6e5, "pressure_accumulator": 4.5e5}
+    dead = log.with_columns({channel: np.full(len(log), level) for channel, level in levels.items()})
+    found = identify_unit([dead], base)
     assert found.unit.pump.total_leakage == base.pump.total_leakage
     assert found.unit.oil.bulk_modulus == base.oil.bulk_modulus
     assert found.unit.friction == base.friction
-    for quantity in (
-        "pump.cross_port_leakage kept",
-        "oil.bulk_modulus kept",
-        "friction.forward.coulomb kept",
-    ):
-        assert any(quantity in note for note in found.notes)
+    for quantity in ("pump.cross_port_leakage", "oil.bulk_modulus", "friction.forward.coulomb"):
+        assert any(f"{quantity} kept" in note for note in found.notes)
 
 
 def test_jumps_of_the_pump_angle_are_left_out(cases: dict[int, Case]) -> None:

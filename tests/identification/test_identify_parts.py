@@ -10,7 +10,7 @@ from scipy.signal import butter, sosfilt
 
 from fdd.identification.friction import curve, fit_friction
 from fdd.identification.identify import _keep_gain
-from fdd.identification.profile import ProfileWriter
+from fdd.identification.profile import Identification
 from fdd.identification.record import Record
 from fdd.identification.sensors import effective_noise, resolution
 from fdd.residuals.oil import air_compliance, free_air
@@ -93,9 +93,9 @@ def test_friction_is_seen_through_gusts_or_kept() -> None:
 def test_a_displacement_that_stays_the_bases_states_what_the_base_leaves_open() -> None:
     """A log of which too little is told: the profile says how far its displacement may be off."""
     base = Unit.load("axis_a")
-    writer = ProfileWriter(base.model_copy(deep=True), base, "identified from 1 healthy log(s)")
-    _keep_gain(writer, "too few steps")
-    pump = writer.result.unit.pump
+    found = Identification(base.model_copy(deep=True), base, "identified from 1 healthy log(s)")
+    _keep_gain(found, "too few steps")
+    pump = found.unit.pump
     assert pump.displacement == base.pump.displacement
     assert pump.std_of("displacement") == pytest.approx(
         tolerance(base, "pump.displacement") * pump.displacement

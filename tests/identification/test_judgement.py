@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
-from spread_units import only, scaled, spread_unit, work
+from spread_units import only, scaled, spread_unit, with_swapped_chambers, work
 
 from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
 from fdd.identification import identify_unit
 from fdd.identification.judgement import Judgement, judge
 from fdd.identification.log_scales import check_scales
-from fdd.identification.slips import NEAR
+from fdd.identification.signs import NEAR
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import PRESSURES, Samples
@@ -62,8 +62,7 @@ def test_a_gust_that_drives_the_piston_against_the_pump_is_no_wrong_sign() -> No
     done = drop * np.gradient(uniform_filter1d(log["position"], 51))
     assert np.sum(done) < -0.5 * np.sum(np.abs(done))
     assert identify_unit([log], Unit.load("axis_a")).unit.pump.total_leakage > 0.0
-    turned = log.with_columns({"pressure_1": log["pressure_2"], "pressure_2": log["pressure_1"]})
-    assert "swap pressure_1 and pressure_2" in refused([turned])
+    assert "swap pressure_1 and pressure_2" in refused([with_swapped_chambers(log)])
 
 
 @pytest.mark.slow
@@ -111,12 +110,8 @@ def test_the_difference_alone_in_another_unit(healthy: list[Samples], factor: fl
 @pytest.mark.parametrize(
     ("channels", "channel", "factor", "said"),
     [
-        (MINIMAL, "pump_speed", 30.0 / np.pi, "rpm read as rad/s"),
-        (ANGLE, "pump_angle", np.pi / 180.0, "rad read as deg"),
-        (MINIMAL, "position", 1e3, "mm read as m"),
-        (MINIMAL, "position", 25.4, "in"),
-        (MINIMAL, "position", 1e-3, "unit"),
-        (MINIMAL, "position", 1.5, "travel per rad of the pump"),
+        (ANGLE, "pump_angle", np.pi / 180.0, "rad read as deg"), (MINIMAL, "position", 25.4, "in"),
+        (MINIMAL, "position", 1e-3, "unit"), (MINIMAL, "position", 1.5, "travel per rad of the pump"),
     ],
 )  # fmt: skip
 def test_motion_in_another_unit(
@@ -125,23 +120,13 @@ def test_motion_in_another_unit(
     assert said in refused([scaled(only(log, *channels), factor, channel) for log in healthy])
 
 
-def test_speed_beside_angle_in_another_unit(healthy: list[Samples]) -> None:
-    line = refused([scaled(log, 30.0 / np.pi, "pump_speed") for log in healthy])
-    assert "pump_speed is 9.55 times what pump_angle turns" in line and "rpm read as rad/s" in line
-
-
 def test_swapped_chambers_and_a_turned_difference(healthy: list[Samples]) -> None:
-    swapped = [
-        only(log, "position", "pump_angle", "pressure_1", "pressure_2").with_columns(
-            {"pressure_1": log["pressure_2"], "pressure_2": log["pressure_1"]}
-        )
-        for log in healthy
-    ]
+    channels = ("position", "pump_angle", "pressure_1", "pressure_2")
+    swapped = [only(with_swapped_chambers(log), *channels) for log in healthy]
     turned = [scaled(only(log, *MINIMAL), -1.0, "pressure_difference") for log in healthy]
     beside = [scaled(log, -1.0, "pressure_difference") for log in healthy]
-    for logs in (swapped, turned, beside):
-        for log in logs:
-            assert "swap pressure_1 and pressure_2" in refused([log])
+    for log in (*swapped, *turned, *beside):
+        assert "swap pressure_1 and pressure_2" in refused([log])
     # One among right ones, too.
     assert "swap pressure_1 and pressure_2" in refused([healthy[0], swapped[1], *healthy[2:]])
 
@@ -190,13 +175,7 @@ def test_a_throttled_load_is_no_turned_sign() -> None:
     log = work(unit, 5, duty="steps", load="throttle")
     own = add_baseline(identify_unit([log], unit).unit, [log])
     check_scales(log, own, "log")
-    swapped = log.with_columns(
-        {
-            "pressure_difference": -log["pressure_difference"],
-            "pressure_1": log["pressure_2"],
-            "pressure_2": log["pressure_1"],
-        }
-    )
+    swapped = with_swapped_chambers(log).with_columns({"pressure_difference": -log["pressure_difference"]})
     with pytest.raises(InputError, match="oil flows against"):
         check_scales(swapped, own, "log")
 

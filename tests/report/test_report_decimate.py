@@ -30,39 +30,19 @@ signals = arrays(
 
 @given(values=signals, buckets=st.integers(1, 60))
 @settings(max_examples=200, deadline=None)
-def test_every_sample_lies_within_what_is_kept_nearby(values: np.ndarray, buckets: int) -> None:
+def test_every_sample_lies_within_what_is_kept_nearby_and_ends_and_gaps_are_kept(
+    values: np.ndarray, buckets: int
+) -> None:
     time = np.arange(values.size, dtype=float)
     kept_time, kept = decimate(time, values, buckets)
     assert kept.size <= max(4 * buckets, KEPT_PER_BUCKET * buckets)
-    assert (np.diff(kept_time) > 0).all()
+    assert (np.diff(kept_time) > 0).all() and (kept_time[0], kept_time[-1]) == (time[0], time[-1])
     np.testing.assert_array_equal(kept, values[kept_time.astype(int)])
     size = -(-values.size // buckets)
     for at in np.flatnonzero(np.isfinite(values)):
         near = kept[np.abs(kept_time - at) < size]
-        near = near[np.isfinite(near)]
-        assert near.size
-        assert near.min() <= values[at] <= near.max()
-
-
-@given(values=signals, buckets=st.integers(1, 60))
-@settings(max_examples=100, deadline=None)
-def test_ends_extremes_and_gaps_are_kept(values: np.ndarray, buckets: int) -> None:
-    time = np.arange(values.size, dtype=float)
-    kept_time, kept = decimate(time, values, buckets)
-    assert (kept_time[0], kept_time[-1]) == (time[0], time[-1])
-    if np.isfinite(values).any():
-        assert np.nanmax(kept) == np.nanmax(values)
-        assert np.nanmin(kept) == np.nanmin(values)
+        assert np.nanmin(near) <= values[at] <= np.nanmax(near)
     assert np.isnan(kept).any() == np.isnan(values).any()
-
-
-def test_long_runs_of_missing_values_stay_missing() -> None:
-    values = np.ones(50_000)
-    values[20_000:30_000] = np.nan
-    time, kept = decimate(np.arange(50_000.0), values, 100)
-    inside = (time >= 20_000) & (time < 30_000)
-    assert np.isnan(kept[inside]).all()
-    assert np.isfinite(kept[~inside]).all()
 
 
 def test_small_signals_are_left_alone_and_nonsense_is_refused() -> None:

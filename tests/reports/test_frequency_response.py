@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from fdd.identification.experiments.etfe import empirical_response
 from reports.thesis.frequency_response import (
     TransferFunction,
+    empirical_response,
     fit_output_error,
     held_input,
     response_at,

@@ -28,4 +28,6 @@ def test_departures_are_in_standard_deviations() -> None:
     unit = Unit.load("axis_a")
     std = 0.01 * unit.pump.displacement
     row = TableRow("pump.displacement", "m^3/rad", 1.0, unit.pump.displacement + 2.0 * std, std)
-    assert departures(Identification(unit, [row]), unit) == {"travel per rad": pytest.approx(2.0)}
+    assert departures(Identification(unit, unit, "test", [row]), unit) == {
+        "travel per rad": pytest.approx(2.0)
+    }

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fdd.identification.experiments.friction import fit_curve
-from fdd.identification.experiments.hydraulic import Coefficients
+from fdd.identification.experiments.response import Coefficients
 from fdd.identification.friction import curve
 from fdd.unit import Unit
 from reports.thesis import control, dead_band, flow

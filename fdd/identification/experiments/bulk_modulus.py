@@ -7,28 +7,14 @@ pressure is the free air's: ``1/β(p) = 1/β_oil + α·c(p)`` (eqs 5.20 and 5.21
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
-from fdd.identification.balance import GROUPS, LEAST_AIR, Estimate
-from fdd.identification.experiments.leakage import LIMIT
-from fdd.identification.experiments.outcome import (
-    NORMAL_95,
-    Outcome,
-    Told,
-    axes,
-    cloud,
-    curve_line,
-    figure,
-    joined,
-    points,
-)
+from fdd.identification.balance import LEAST_AIR
+from fdd.identification.experiments.outcome import NORMAL_95, Outcome, axes, cloud, curve_line, figure
 from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hydraulics
-from fdd.identification.least_squares import huber, jackknife_std
-from fdd.identification.profile import ProfileWriter
+from fdd.identification.least_squares import jackknife_std
+from fdd.identification.profile import Identification
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import (
     AIR,
@@ -42,6 +28,7 @@ from fdd.identification.volume_steps import (
 from fdd.identification.volumes import VOLUME_SPREAD
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
+from fdd.report.words import listed
 from fdd.residuals.oil import air_compliance, modulus_at, pressure_of_compliance
 from fdd.unit import Unit
 
@@ -53,8 +40,8 @@ CLEAR = 5.0
 """Standard deviations of the pressures' noise by which a step in the figures must raise the pressure."""
 MOST_REFERENCE = 5e6
 """Pa, highest pressure that compressibility is referred to: there the air gives less than the oil."""
-BINS = 8
-LEAST_STEPS = 20
+ROWS = 8
+"""Of the table, from the lowest to the highest pressure."""
 BAR = 1e-5
 
 
@@ -68,7 +55,13 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
     out = Outcome("bulk-modulus", "Effective bulk modulus")
     found, notes = _fitted(records, unit, None)
     if found is None:
-        out.not_told.append(f"Bulk modulus: {_never_shut(records)}")
+        above = [r.smooth(np.maximum(r.pressure_1, r.pressure_2), SMOOTHING) - r.accumulator for r in records]
+        share = float(np.mean(np.concatenate(above) > REFEED_MARGIN))
+        out.not_told.append(
+            f"Bulk modulus: the higher chamber is {REFEED_MARGIN / 1e5:.1f} bar above the accumulator, so "
+            f"that its refeeding valve is surely shut, in {100 * share:.0f} % of the time, and too seldom "
+            "while it moves. Load the actuator, or map the chambers' pressures."
+        )
         return out
     reference = found.logs.pressure
     while _at_bound(found) and found.logs.pressure < MOST_REFERENCE:
@@ -76,37 +69,36 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
         if higher is None:
             break
         found = higher
-    rows, fit = _Rows(found), found.fit
-    beta = Estimate(*_at(found, reference))
     if _at_bound(found):
         out.not_told.append("Bulk modulus: no compression shows; steps of pressure and position do not fit.")
         return out
-    if fit.signal_over_noise < LEAST_SIGNAL or beta.relative > BULK_SHARP or not np.any(rows.clear):
+    raised, compressed, pressures = _steps(found)
+    fit = found.fit
+    usual, std = (float(x[0]) for x in _over_pressure(found, np.array([reference])))
+    if fit.signal_over_noise < LEAST_SIGNAL or std > BULK_SHARP * usual or not pressures.size:
         out.not_told.append(
-            f"Bulk modulus: the log gives {figure(BAR * beta.value)} ± {NORMAL_95 * BAR * beta.std:.2g} bar; "
+            f"Bulk modulus: the log gives {figure(BAR * usual)} ± {NORMAL_95 * BAR * std:.2g} bar; "
             f"the pressure steps in shut chambers are {fit.signal_over_noise:.1f} times the sensors' noise. "
             "Record reversals at speed, or strokes against a throttle or a spring."
         )
         return out
-    low, middle, high = (float(q) for q in np.quantile(rows.pressure[rows.clear], [0.02, 0.5, 0.98]))
-    air_told = _air(out, found, unit, (low, high))
-    levels = [reference] if low <= reference <= high or air_told else []
-    if not levels:
+    low, middle, high = (float(q) for q in np.quantile(pressures, [0.02, 0.5, 0.98]))
+    levels = [reference, middle] if low <= reference <= high or _air_told(found) else [middle]
+    if levels[0] != reference:
         out.not_told.append(
             f"Bulk modulus at the logs' usual pressure, {BAR * reference:.3g} bar: the steps run from "
             f"{BAR * low:.3g} to {BAR * high:.3g} bar, and only the free air would tell what lies beyond."
         )
-    for place, level in enumerate([*levels, middle]):
-        value, std = _at(found, level)
+    for level, value, spread in zip(levels, *_over_pressure(found, np.array(levels)), strict=True):
         note = f"profile {figure(BAR * modulus_at(unit.oil, level))} bar"
-        quantity = f"effective bulk modulus at {BAR * level:.3g} bar"
-        out.told.insert(place, Told.normal(quantity, value, std, "Pa", note))
-    _draw(out, found, rows, unit, low, high)
+        out.tell(f"effective bulk modulus at {BAR * level:.3g} bar", float(value), float(spread), "Pa", note)
+    _tell_air(out, found, unit, low, high)
+    _draw(out, found, unit, low, high, raised, compressed)
     out.notes.append(
-        f"{fit.rows} steps of {joined([f'{s:.3g}' for s in STEPS])} s in which a chamber is neither refed "
-        "nor relieved; leakage, pump displacement and free air were fitted with it. Pressures are gauge; "
-        "free air is over the oil's volume, at atmospheric pressure. What hoses and walls give is in the "
-        "modulus. Intervals of steps alone leave out what the volumes are uncertain by."
+        f"{fit.rows} steps of {listed([f'{s:.3g}' for s in STEPS], 'and')} s in which a chamber is neither "
+        "refed nor relieved; leakage, pump displacement and free air were fitted with it. Pressures are "
+        "gauge; free air is over the oil's volume, at atmospheric pressure. What hoses and walls give is in "
+        "the modulus."
     )
     out.notes += [n for n in notes if "volume" in n or "chamber pressures" in n]
     return out
@@ -114,8 +106,8 @@ def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
 
 def _fitted(records: list[Record], unit: Unit, pressure: float | None) -> tuple[Hydraulics | None, list[str]]:
     """The balances' fit with compressibility referred to `pressure`, and its notes."""
-    writer = ProfileWriter(unit.model_copy(deep=True), unit, "")
-    return hydraulics(writer, records, pressure), writer.result.notes
+    profile = Identification(unit.model_copy(deep=True), unit, "")
+    return hydraulics(profile, records, pressure), profile.notes
 
 
 def _at_bound(found: Hydraulics) -> bool:
@@ -125,51 +117,25 @@ def _at_bound(found: Hydraulics) -> bool:
     return 1.5 * air * found.fit.bulk_modulus.value > 0.999
 
 
-class _Rows:
-    """Steps as eq. 5.19 has them: volume compressed, volume times pressure raised, and at what pressure."""
-
-    def __init__(self, found: Hydraulics) -> None:
-        steps, fit, unit = found.steps, found.fit, found.base
-        known = fit.theta.copy()
-        known[[STIFF, AIR]] = 0.0
-        scale, index = scales(unit), unit.oil.polytropic_index
-        self.compressed = steps.m @ known - steps.y
-        self.raised = -steps.m[:, STIFF] / scale[STIFF]
-        bound = 0.5 * float(air_compliance(found.logs.pressure, index))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            mean = -steps.m[:, AIR] / AIR_SCALE / self.raised - bound
-        self.pressure = pressure_of_compliance(mean, index)
-        noise = np.sqrt(np.sum((steps.noise[:, :, STIFF] / scale[STIFF]) ** 2, axis=1))
-        noise *= np.where(steps.chamber == 1, *found.logs.noise)
-        self.clear = np.isfinite(self.pressure) & (np.abs(self.raised) > CLEAR * noise)
-        self.block = steps.block
-
-    def modulus(self, rows: NDArray[np.bool_]) -> tuple[float, float, float]:
-        """Slope of these rows alone as a bulk modulus (Pa), with its 95 % interval; jackknifed over time."""
-        raised, compressed, block = self.raised[rows, None], self.compressed[rows], self.block[rows]
-        weights = huber(raised, compressed, LIMIT)[1]
-        group = np.unique(block, return_inverse=True)[1] % GROUPS
-        products = np.stack([(weights * raised[:, 0]) ** 2, weights**2 * raised[:, 0] * compressed])
-        sides = np.array([products @ (group == g) for g in np.unique(group)])
-        whole = sides.sum(axis=0)
-        parts = (whole - sides)[:, 1] / (whole - sides)[:, 0]
-        value = float(whole[1] / whole[0])
-        half = float(student.ppf(0.975, max(len(parts) - 1, 1)) * jackknife_std(parts))
-        return 1.0 / value, 1.0 / (value + half), 1.0 / max(value - half, 0.1 * value)
+def _steps(found: Hydraulics) -> tuple[Array, Array, Array]:
+    """Steps as eq. 5.19 has them, those clear of noise: volume times pressure raised (m³·Pa), volume
+    compressed (m³), and at what pressure (Pa), (n,) each."""
+    steps, unit = found.steps, found.base
+    known = found.fit.theta.copy()
+    known[[STIFF, AIR]] = 0.0
+    scale, index = scales(unit), unit.oil.polytropic_index
+    raised = -steps.m[:, STIFF] / scale[STIFF]
+    bound = 0.5 * float(air_compliance(found.logs.pressure, index))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = -steps.m[:, AIR] / AIR_SCALE / raised - bound
+    pressure = pressure_of_compliance(mean, index)
+    noise = np.sqrt(np.sum((steps.noise[:, :, STIFF] / scale[STIFF]) ** 2, axis=1))
+    noise *= np.where(steps.chamber == 1, *found.logs.noise)
+    clear = np.isfinite(pressure) & (np.abs(raised) > CLEAR * noise)
+    return raised[clear], (steps.m @ known - steps.y)[clear], pressure[clear]
 
 
-def _never_shut(records: list[Record]) -> str:
-    """Why there are too few steps."""
-    higher = [r.smooth(np.maximum(r.pressure_1, r.pressure_2), SMOOTHING) - r.accumulator for r in records]
-    share = float(np.mean(np.concatenate(higher) > REFEED_MARGIN))
-    return (
-        f"the higher chamber is {REFEED_MARGIN / 1e5:.1f} bar above the accumulator, so that its refeeding "
-        f"valve is surely shut, in {100 * share:.0f} % of the time, and too seldom while it moves. Load the "
-        "actuator, or map the chambers' pressures."
-    )
-
-
-def over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
+def _over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
     """Bulk modulus and its standard deviation (Pa), both (n,), at gauge `pressure` (n,) Pa."""
     index, fit = found.base.oil.polytropic_index, found.fit
     more = air_compliance(pressure, index) - float(air_compliance(found.logs.pressure, index))
@@ -181,12 +147,6 @@ def over_pressure(found: Hydraulics, pressure: Array) -> tuple[Array, Array]:
     return 1.0 / value, np.hypot(jackknife_std(others) / value, unseen) / value
 
 
-def _at(found: Hydraulics, pressure: float) -> tuple[float, float]:
-    """As `over_pressure`, at one."""
-    value, std = over_pressure(found, np.array([pressure]))
-    return float(value[0]), float(std[0])
-
-
 def _volume_share(found: Hydraulics) -> float:
     """Relative standard deviation of volumes that stay the profile's: its own, or what units differ by."""
     if found.volumes_found:
@@ -196,65 +156,57 @@ def _volume_share(found: Hydraulics) -> float:
     return VOLUME_SPREAD if known is None or known.std is None else known.std / cylinder.volume_1
 
 
-def _air(out: Outcome, found: Hydraulics, unit: Unit, span: tuple[float, float]) -> bool:
-    """Free air, and the oil without it; whether the logs tell them apart."""
-    fit, volume = found.fit, _volume_share(found)
-    air = found.air_fraction.wider(volume)
-    if not fit.air_known or air.relative > AIR_SHARP or air.value < 1.01 * LEAST_AIR:
+def _air_told(found: Hydraulics) -> bool:
+    """Whether the logs tell the free air, and with it how bulk modulus changes with pressure."""
+    air = found.air_fraction.wider(_volume_share(found))
+    return found.fit.air_known and air.relative <= AIR_SHARP and air.value >= 1.01 * LEAST_AIR
+
+
+def _tell_air(out: Outcome, found: Hydraulics, unit: Unit, low: float, high: float) -> None:
+    """Free air, and the oil without it."""
+    air = found.air_fraction.wider(_volume_share(found))
+    if not _air_told(found):
         out.not_told.append(
             "Free air, and with it how bulk modulus changes with pressure: pressures of "
-            f"{span[0] / 1e5:.2g} to {span[1] / 1e5:.2g} bar give {100 * air.value:.2g} ± "
+            f"{low / 1e5:.2g} to {high / 1e5:.2g} bar give {100 * air.value:.2g} ± "
             f"{100 * NORMAL_95 * air.std:.1g} % (profile {100 * unit.oil.air_fraction:.2g} %). "
             "Record steps from near the accumulator's pressure to several times it."
         )
-        return False
+        return
     profile = f"profile {unit.oil.air_fraction:.4g}"
     out.tell("free air at atmospheric pressure", air.value, air.std, "1", profile)
-    value, std = _at(found, 1e12)
+    value, std = (float(x[0]) for x in _over_pressure(found, np.array([1e12])))
     if std < BULK_SHARP * value and not _at_bound(found):
         out.tell("bulk modulus of the oil without free air", value, std, "Pa")
-    return True
 
 
-def _draw(out: Outcome, found: Hydraulics, rows: _Rows, unit: Unit, low: float, high: float) -> None:
-    clear = rows.clear
-    line = np.array([rows.raised[clear].min(), rows.raised[clear].max()])
-    usual = f"{found.logs.pressure / 1e5:.3g} bar"
-    scatter = [
-        cloud(10.0 * rows.raised[clear], 1e9 * rows.compressed[clear], "steps", tr.GREY),
-        curve_line(10.0 * line, 1e9 * line / found.bulk_modulus.value, f"fitted, {usual}", tr.BLUE),
-        curve_line(10.0 * line, 1e9 * line / modulus_at(unit.oil, found.logs.pressure),
-                   f"profile, {usual}", tr.VERMILLION, "dash"),
-    ]  # fmt: skip
+def _draw(
+    out: Outcome, found: Hydraulics, unit: Unit, low: float, high: float, raised: Array, compressed: Array
+) -> None:
     pressure = np.linspace(low, high, 80)
-    beta, std = over_pressure(found, pressure)
-    band = NORMAL_95 * std
+    beta, std = _over_pressure(found, pressure)
+    lower, upper = beta - NORMAL_95 * std, beta + NORMAL_95 * std
     profile = np.array([modulus_at(unit.oil, float(p)) for p in pressure])
-    lower, upper = beta - band, beta + band
     out.curves["fitted"] = {"pressure": pressure, "bulk_modulus": beta, "low": lower, "high": upper}
-    out.heads = ("pressure", "bulk modulus by these steps alone", "95 %", "fitted", "profile", "steps")
-    edges = np.quantile(rows.pressure[clear], np.linspace(0.0, 1.0, BINS + 1))
-    table = []
-    for a, b in pairwise(edges):
-        inside = clear & (rows.pressure >= a) & (rows.pressure < b)
-        if np.count_nonzero(inside) < LEAST_STEPS or np.unique(rows.block[inside]).size < 3:
-            continue
-        at, (value, least, most) = float(np.median(rows.pressure[inside])), rows.modulus(inside)
-        table.append((at, value, least, most))
+    out.heads = ("pressure", "bulk modulus", "95 %", "profile")
+    for k in np.linspace(0, pressure.size - 1, ROWS).astype(int):
         out.rows.append((
-            f"{BAR * at:.3g} bar", f"{figure(BAR * value)} bar",
-            f"{figure(BAR * least)} … {figure(BAR * most)}", f"{figure(BAR * _at(found, at)[0])} bar",
-            f"{figure(BAR * modulus_at(unit.oil, at))} bar", str(np.count_nonzero(inside)),
+            f"{BAR * pressure[k]:.3g} bar", f"{figure(BAR * beta[k])} bar",
+            f"{figure(BAR * lower[k])} … {figure(BAR * upper[k])}", f"{figure(BAR * profile[k])} bar",
         ))  # fmt: skip
     curves = [
         tr.band(BAR * pressure, BAR * lower, BAR * upper, "", tr.BLUE),
         curve_line(BAR * pressure, BAR * beta, "fitted", tr.BLUE),
         curve_line(BAR * pressure, BAR * profile, "profile", tr.VERMILLION, "dash"),
     ]
-    if table:
-        p, value, least, most = np.array(table).T
-        out.curves["steps"] = {"pressure": p, "bulk_modulus": value, "low": least, "high": most}
-        curves.append(points(BAR * p, BAR * value, BAR * least, BAR * most, "by steps alone, 95 %", tr.GREEN))
+    line = np.array([raised.min(), raised.max()])
+    usual = f"{found.logs.pressure / 1e5:.3g} bar"
+    scatter = [
+        cloud(10.0 * raised, 1e9 * compressed, "steps", tr.GREY),
+        curve_line(10.0 * line, 1e9 * line / found.bulk_modulus.value, f"fitted, {usual}", tr.BLUE),
+        curve_line(10.0 * line, 1e9 * line / modulus_at(unit.oil, found.logs.pressure),
+                   f"profile, {usual}", tr.VERMILLION, "dash"),
+    ]  # fmt: skip
     out.figures = [
         Figure("modulus", "Bulk modulus over pressure", curves, axes("gauge pressure (bar)"), "bar",
                "shaded: 95 % of the fit", 340, True),

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from fdd.identification.experiments.outcome import Outcome, Told, axes, cloud, curve_line, joined, points
+from fdd.identification.experiments.outcome import NORMAL_95, Outcome, Told, axes, cloud, curve_line, points
 from fdd.identification.friction import Motion, curve, gusty, near_curve, steady_motion, unloaded_motion
 from fdd.identification.record import Record
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
+from fdd.report.words import listed
 from fdd.unit import FrictionBranch, Unit
 
 Array = NDArray[np.float64]
@@ -31,9 +32,10 @@ SLOW, FAST = 1.0, 3.0
 """Times the profile's Stribeck velocity that the slowest and the fastest strokes must reach at least."""
 ZERO_PRESSURE = 3.0e3
 """Pa, standard deviation of a pressure sensor's zero."""
-UNITS = {"coulomb": "N", "static": "N", "stribeck_velocity": "m/s", "viscous": "N*s/m"}
-WORDS = {"coulomb": "Coulomb friction", "static": "static friction", "stribeck_velocity": "Stribeck velocity",
-         "viscous": "viscous friction"}  # fmt: skip
+COEFFICIENTS = {
+    "coulomb": ("Coulomb friction", "N"), "static": ("static friction", "N"),
+    "stribeck_velocity": ("Stribeck velocity", "m/s"), "viscous": ("viscous friction", "N*s/m"),
+}  # fmt: skip
 
 
 def fit_curve(
@@ -82,8 +84,8 @@ def friction(records: list[Record], unit: Unit) -> Outcome:
     out = Outcome("friction", "Friction over velocity")
     area = unit.cylinder.area_1
     free = [r if r.load is None else replace(r, pressure_1=r.pressure_1 - r.load / area) for r in records]
-    motions = [steady_motion(r, unit.cylinder, 1000 * i) for i, r in enumerate(free)]
-    found = None if gusty(motions, unit.friction) else unloaded_motion(motions, unit.friction)
+    steady = steady_motion(free, unit.cylinder)
+    found = None if gusty(steady, unit.friction) else unloaded_motion(steady, unit.friction)
     if found is None:
         out.not_told.append(
             "Friction in either direction: no unloaded steady motion of half a second each way could be told "
@@ -107,7 +109,7 @@ def friction(records: list[Record], unit: Unit) -> Outcome:
     return out
 
 
-def binned(speed: Array, force: Array) -> tuple[Array, Array]:
+def _binned(speed: Array, force: Array) -> tuple[Array, Array]:
     """(k,) median speeds and forces of the bins with windows enough."""
     which = np.digitize(speed, BINS)
     bins = [which == b for b in np.flatnonzero(np.bincount(which) >= LEAST_WINDOWS)]
@@ -119,7 +121,7 @@ def _direction(
     area: float,
 ) -> None:  # fmt: skip
     speed, force, block = motion.speed[kept], motion.force[kept], motion.block[kept]
-    v, f = binned(speed, force)
+    v, f = _binned(speed, force)
     if v.size < LEAST_BINS:
         out.not_told.append(f"Friction {name}: steady motion at fewer than {LEAST_BINS} speeds.")
         return
@@ -133,7 +135,7 @@ def _direction(
     curves, coefficients = [], []
     for _ in range(REPEATS):
         drawn = np.concatenate([rows[k] for k in rng.integers(0, names.size, names.size)])
-        vb, fb = binned(speed[drawn], force[drawn])
+        vb, fb = _binned(speed[drawn], force[drawn])
         if vb.size >= LEAST_BINS:
             again = fit_curve(vb, fb, fit, free)
             coefficients.append([getattr(again, n) for n in free])
@@ -144,17 +146,30 @@ def _direction(
     on_curve = curve(fit, v)
     vague = []
     for n, std in zip(free, np.std(coefficients, axis=0), strict=True):
-        shift = zero if UNITS[n] == "N" else 0.0
-        spread = wide / 1.96 * float(np.hypot(std, shift))
-        told = Told.normal(f"{WORDS[n]}, {name}", getattr(fit, n), spread, UNITS[n])
+        words, unit = COEFFICIENTS[n]
+        spread = wide / 1.96 * float(np.hypot(std, zero if unit == "N" else 0.0))
+        ours = Told.within("", getattr(base, n), 0.0, unit).shown()
+        told = Told.within(f"{words}, {name}", getattr(fit, n), NORMAL_95 * spread, unit,
+                           f"profile {ours[0]} {ours[2]}")  # fmt: skip
         if told.high - told.value < SHARP * told.value:
-            out.told.append(replace(told, note=f"profile {told.of(getattr(base, n))}"))
+            out.told.append(told)
         else:
-            vague.append(WORDS[n])
-    _not_told(out, name, v, base, vague)
-    for vi, fi, hi in zip(v, on_curve, half, strict=True):
+            vague.append(words)
+    slowest, fastest, limit = 1e3 * v[0], 1e3 * v[-1], 1e3 * base.stribeck_velocity
+    if slowest > SLOW * limit:
+        out.not_told.append(
+            f"No steady strokes {name} below {slowest:.3g} mm/s: the Stribeck part is not told "
+            f"(the profile's Stribeck velocity is {limit:.3g} mm/s)."
+        )
+    if fastest < FAST * limit:
+        out.not_told.append(f"No strokes {name} above {fastest:.3g} mm/s: the viscous part is not told.")
+    if vague:
+        said, they = listed(vague, "and"), "it" if len(vague) == 1 else "them"
+        out.not_told.append(
+            f"{said[0].upper()}{said[1:]}, {name}: the log does not tell {they} to within half of the value."
+        )
+    for vi, fi, hi, ours in zip(v, on_curve, half, curve(base, v), strict=True):
         seconds = 0.04 * np.count_nonzero(np.digitize(speed, BINS) == np.digitize(vi, BINS))
-        ours = float(curve(base, np.array([vi]))[0])
         out.rows.append((name, f"{1e3 * vi:.3g} mm/s", f"{fi:.0f} N", f"{fi - hi:.0f} … {fi + hi:.0f} N",
                          f"{ours:.0f} N", f"{seconds:.1f} s"))  # fmt: skip
     interval = {"low": on_curve - half, "high": on_curve + half}
@@ -166,22 +181,3 @@ def _direction(
             curve_line(1e3 * fine, curve(base, fine), "profile", tr.GREY, "dash")]  # fmt: skip
     layout = axes("speed (mm/s)", rangemode="tozero") | {"yaxis": {"rangemode": "tozero"}}
     out.figures.append(Figure(name, f"Friction, {name}", data, layout, "N", "", 340))
-
-
-def _not_told(out: Outcome, name: str, v: Array, base: FrictionBranch, vague: list[str]) -> None:
-    """Say what the speeds leave open, or else what the intervals do."""
-    slowest, fastest = 1e3 * v[0], 1e3 * v[-1]
-    limit = 1e3 * base.stribeck_velocity
-    if slowest > SLOW * limit:
-        out.not_told.append(
-            f"No steady strokes {name} below {slowest:.3g} mm/s: the Stribeck part is not told "
-            f"(the profile's Stribeck velocity is {limit:.3g} mm/s)."
-        )
-    if fastest < FAST * limit:
-        out.not_told.append(f"No strokes {name} above {fastest:.3g} mm/s: the viscous part is not told.")
-    if vague:
-        words, they = joined(vague), "it" if len(vague) == 1 else "them"
-        out.not_told.append(
-            f"{words[0].upper()}{words[1:]}, {name}: the log does not tell {they} to within half of "
-            "the value."
-        )

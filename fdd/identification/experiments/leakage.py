@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from fdd.data_sheet.efficiency import volumetric_efficiency
 from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
-from fdd.identification.experiments.outcome import Outcome, axes, cloud, curve_line, points
+from fdd.identification.experiments.outcome import NORMAL_95, Outcome, axes, cloud, curve_line, points
 from fdd.identification.identify import LEAKAGE_SHARP
 from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
@@ -61,30 +60,26 @@ class _Rows:
         cross, share = (pump.cross_port_leakage / total, pump.case_leakage / total) if total else (1.0, 0.0)
         laminar = cross * m[:, CROSS] + share * m[:, CASE]
         others = [AREA_2, STIFF, AIR]
-        known = m[:, others] @ theta[others]
         self.pressure = -laminar / (leakage_scale(unit) * seconds)
         self.pumped = m[:, DISPLACEMENT] / seconds
-        self.arrived = (steps.y[longest] - known) / seconds
+        self.arrived = (steps.y[longest] - m[:, others] @ theta[others]) / seconds
         self.block, self.temperature = steps.block[longest], temperature[longest]
 
-    def design(self, *, orifice: bool) -> Array:
-        """Displacement over the profile's, laminar coefficient, and on wish the orifice's."""
-        root = np.sign(self.pressure) * np.sqrt(np.abs(self.pressure))
-        columns = [self.pumped, -self.pressure, *([-root] if orifice else [])]
-        return np.column_stack(columns)
-
     def fit(self, rows: NDArray[np.bool_] | None = None, *, orifice: bool) -> tuple[Array, Array]:
-        """Coefficients and their standard deviations, jackknifed over blocks of 2 s."""
+        """Displacement over the profile's, laminar coefficient, and on wish the orifice's; and their standard
+        deviations, jackknifed over blocks of 2 s."""
         use = np.ones(self.block.size, bool) if rows is None else rows
-        m, y, block = self.design(orifice=orifice)[use], self.arrived[use], self.block[use]
+        pressure, y = self.pressure[use], self.arrived[use]
+        root = np.sign(pressure) * np.sqrt(np.abs(pressure))
+        m = np.column_stack([self.pumped[use], -pressure, *([-root] if orifice else [])])
         scale = np.abs(m).max(axis=0)
         whole, weights = huber(m / scale, y, LIMIT)
-        group = np.unique(block, return_inverse=True)[1] % GROUPS
+        group = np.unique(self.block[use], return_inverse=True)[1] % GROUPS
         weighted, target = m / scale * weights[:, None], y * weights
         parts = np.array([
             np.linalg.lstsq(weighted[group != g], target[group != g], rcond=None)[0] for g in np.unique(group)
         ])  # fmt: skip
-        stretch = float(student.ppf(0.975, max(len(parts) - 1, 1))) / 1.96
+        stretch = float(student.ppf(0.975, max(len(parts) - 1, 1))) / NORMAL_95
         return whole / scale, stretch * jackknife_std(parts) / scale
 
 
@@ -96,14 +91,20 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     out = Outcome("leakage", "Leak flow over pressure")
     logs = LogBalances(records)
     reference = logs.reference_temperature(unit)
-    steps, temperature = _steps(logs, unit)
+    parts = logs.parts(unit)
+    steps = VolumeSteps.join(parts)
     if steps.y.size < LEAST_ROWS:
         out.not_told.append(
             "Leakage: too few steps in which a chamber stays above the accumulator while it moves."
         )
         return out
-    theta, _ = fit_theta(logs, steps, unit)
-    rows = _Rows(steps, temperature, unit, theta)
+    temperatures = []
+    for record, part in zip(records, parts, strict=True):
+        known = record.temperature
+        smooth = np.full(len(record), np.nan) if known is None else record.smooth(known, 5.0)
+        middle = (part.block + 0.5) * BLOCK / record.period
+        temperatures.append(np.interp(middle, np.arange(len(record)), smooth))
+    rows = _Rows(steps, np.concatenate(temperatures), unit, fit_theta(logs, steps, unit)[0])
     low, high = (float(q) for q in np.quantile(np.abs(rows.pressure), [0.05, 0.95]))
     gain, gain_std = rows.fit(orifice=False)
     # The share that the pressure sensors' zeros may make: less under load.
@@ -119,13 +120,20 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
             f"{gain[1]:.3g} ± {2 * std:.2g} m³/(s·Pa). Load the actuator, e.g. by throttling."
         )
         return out
-    beside = f"profile {profile:.4g} m³/(s·Pa)"
+    beside, at = f"profile {profile:.4g} m³/(s·Pa)", f"at {high / 1e5:.3g} bar"
     out.tell("leakage coefficient, straight line", gain[1], std, "m^3/(s*Pa)", beside)
-    beside = f"at {high / 1e5:.3g} bar"
-    out.tell("leak flow at the highest pressure", gain[1] * high, std * high, "m^3/s", beside)
-    _efficiency(out, rows, unit, high, gain, std)
+    out.tell("leak flow at the highest pressure", gain[1] * high, std * high, "m^3/s", at)
+    near = rows.pressure * np.sign(rows.pumped) > 0.9 * high
+    if near.any():  # eq. 5.4, at the speed that the pump then drives it with
+        speed = float(np.median(np.abs(rows.pumped[near]))) / unit.pump.displacement
+        share = volumetric_efficiency(float(gain[0]) * unit.pump.displacement, speed, float(gain[1]), high)
+        spread = 100.0 * abs((1.0 - share) / gain[1]) * std
+        beside = f"{at} and {30.0 / np.pi * speed:.0f} rpm, thesis eq. 5.4"
+        out.tell("volumetric efficiency", 100.0 * share, spread, "%", beside)
+    else:
+        out.not_told.append("Volumetric efficiency: the pump never drives against the highest pressure.")
     both = _orifice(out, rows, low, high, zero)
-    _over_temperature(out, rows, unit, reference, records)
+    _over_temperature(out, rows, unit, reference)
     out.notes.append(
         f"Total leakage (cross-port and half of the case leakage, thesis eq. 3.50) at {reference:.0f} °C, "
         "split as in the profile; leakage beside it, pump displacement was fitted: it is "
@@ -135,29 +143,26 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     return out
 
 
-def _efficiency(out: Outcome, rows: _Rows, unit: Unit, high: float, gain: Array, std: float) -> None:
-    """Eq. 5.4 at the highest pressure, as fitted, at the speed that the pump then drives it with."""
-    near = rows.pressure * np.sign(rows.pumped) > 0.9 * high
-    if not near.any():
-        out.not_told.append("Volumetric efficiency: the pump never drives against the highest pressure.")
-        return
-    speed = float(np.median(np.abs(rows.pumped[near]))) / unit.pump.displacement
-    share = volumetric_efficiency(float(gain[0]) * unit.pump.displacement, speed, float(gain[1]), high)
-    lost = (1.0 - share) / gain[1]
-    where = f"at {high / 1e5:.3g} bar and {30.0 / np.pi * speed:.0f} rpm, thesis eq. 5.4"
-    out.tell("volumetric efficiency", 100.0 * share, 100.0 * abs(lost) * std, "%", where)
+def volumetric_efficiency(displacement: float, pump_speed: float, leakage: float, pressure: float) -> float:
+    """A·ẋ / (D_p·ω) of the thesis's eq. 5.4, as a share: 1 - L_T·p/(D_p·ω) with A·ẋ from eq. 5.3.
 
+    Parameters
+    ----------
+    displacement : m³/rad. pump_speed : rad/s, not zero. leakage : L_T, m³/(s·Pa). pressure : Pa, difference
+        that the pump works against.
 
-def _steps(logs: LogBalances, unit: Unit) -> tuple[VolumeSteps, Array]:
-    """All logs' steps, and the oil temperature (°C) of each."""
-    parts = logs.parts(unit)
-    temperatures = []
-    for record, part in zip(logs.records, parts, strict=True):
-        known = record.temperature
-        smooth = np.full(len(record), np.nan) if known is None else record.smooth(known, 5.0)
-        middle = (part.block + 0.5) * BLOCK / record.period
-        temperatures.append(np.interp(middle, np.arange(len(record)), smooth))
-    return VolumeSteps.join(parts), np.concatenate(temperatures)
+    Returns
+    -------
+    1 without leakage; negative where more leaks than is pumped.
+
+    Examples
+    --------
+    Axis A at 1000 rpm and 3.36 MPa, D_p of the thesis's 5.76e-5 m³/s:
+
+    >>> round(volumetric_efficiency(5.50e-7, 104.7, 6.52e-12, 3.36e6), 3)
+    0.62
+    """
+    return 1.0 - leakage * pressure / (displacement * pump_speed)
 
 
 def _orifice(out: Outcome, rows: _Rows, low: float, high: float, zero: float) -> Array | None:
@@ -171,8 +176,8 @@ def _orifice(out: Outcome, rows: _Rows, low: float, high: float, zero: float) ->
     both, std = rows.fit(orifice=True)
     root = float(np.sqrt(high))
     reach = float(np.hypot(std[2], MODEL * (both[1] * root + both[2])))
-    if both[2] < 1.96 * reach:
-        most = 6e7 * root * (max(both[2], 0.0) + 1.96 * reach)
+    if both[2] < NORMAL_95 * reach:
+        most = 6e7 * root * (max(both[2], 0.0) + NORMAL_95 * reach)
         out.notes.append(f"No orifice flow shows: at {high / 1e5:.3g} bar it is below {most:.3g} mL/min.")
         return None
     laminar_std = float(np.hypot(np.hypot(std[1], zero), MODEL * both[1]))
@@ -181,7 +186,7 @@ def _orifice(out: Outcome, rows: _Rows, low: float, high: float, zero: float) ->
     return both
 
 
-def _over_temperature(out: Outcome, rows: _Rows, unit: Unit, reference: float, records: list[Record]) -> None:
+def _over_temperature(out: Outcome, rows: _Rows, unit: Unit, reference: float) -> None:
     t = rows.temperature
     known = np.isfinite(t)
     if not known.any():
@@ -201,7 +206,7 @@ def _over_temperature(out: Outcome, rows: _Rows, unit: Unit, reference: float, r
         middle = float(np.median(t[rows_of]))
         # What the steps carry is referred to one temperature; this takes it back to its own.
         thinner = float(viscosity(unit.oil, np.array(reference)) / viscosity(unit.oil, np.array(middle)))
-        value, half = found[1] * thinner, 1.96 * std[1] * thinner
+        value, half = found[1] * thinner, NORMAL_95 * std[1] * thinner
         interval = f"{value - half:.3g} … {value + half:.3g}"
         out.rows.append((f"{middle:.1f} °C", f"{value:.3g} m³/(s·Pa)", interval, f"× {thinner:.3g}"))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import pi
 from typing import Any
@@ -51,26 +50,16 @@ class Told:
     note: str = ""
 
     @staticmethod
-    def normal(quantity: str, value: float, std: float, unit: str, note: str = "") -> Told:
-        """With an interval of so many standard deviations."""
-        return Told.within(quantity, value, NORMAL_95 * std, unit, note)
-
-    @staticmethod
     def within(quantity: str, value: float, half: float, unit: str, note: str = "") -> Told:
         """With an interval of `half` on either side."""
         return Told(quantity, value, value - half, value + half, unit, note)
-
-    def of(self, value: float) -> str:
-        """Another value of the same quantity, as people read it."""
-        factor, unit = SHOWN.get(self.unit, (1.0, self.unit))
-        return f"{figure(factor * value)} {unit}".rstrip()
 
     def shown(self) -> tuple[str, str, str, str]:
         """Value, both ends of the interval, and unit, as people read them.
 
         Examples
         --------
-        >>> Told.normal("leakage", 6.5e-12, 1e-13, "m^3/(s*Pa)").shown()
+        >>> Told.within("leakage", 6.5e-12, 1.96e-13, "m^3/(s*Pa)").shown()
         ('6.5', '6.304 … 6.696', '1e-12 m³/(s·Pa)', '')
         """
         factor, unit = SHOWN.get(self.unit, (1.0, self.unit))
@@ -102,10 +91,16 @@ class Outcome:
 
     def tell(self, quantity: str, value: float, std: float, unit: str, note: str = "") -> None:
         """Add a figure by its standard deviation."""
-        self.told.append(Told.normal(quantity, value, std, unit, note))
+        self.told.append(Told.within(quantity, value, NORMAL_95 * std, unit, note))
 
     def as_data(self) -> dict[str, Any]:
-        """What ``--json`` writes."""
+        """What ``--json`` writes; JSON lacks NaN."""
+
+        def plain(values: Any) -> Any:
+            if isinstance(values, np.ndarray):
+                return [float(v) if np.isfinite(v) else None for v in values]
+            return values
+
         return {
             "schema": "fdd.experiment/1",
             "experiment": self.kind,
@@ -117,15 +112,8 @@ class Outcome:
             "not_told": self.not_told,
             "notes": self.notes,
             "table": [dict(zip(self.heads, row, strict=True)) for row in self.rows],
-            "curves": {name: {k: _plain(v) for k, v in c.items()} for name, c in self.curves.items()},
+            "curves": {name: {k: plain(v) for k, v in c.items()} for name, c in self.curves.items()},
         }  # fmt: skip
-
-
-def _plain(values: Any) -> Any:
-    """Lists without NaN, which JSON lacks."""
-    if isinstance(values, np.ndarray):
-        return [float(v) if np.isfinite(v) else None for v in values]
-    return values
 
 
 def points(x: Array, y: Array, low: Array, high: Array, name: str, colour: str) -> tr.Trace:
@@ -154,14 +142,3 @@ def curve_line(x: Array, y: Array, name: str, colour: str, dash: str = "solid") 
 def axes(x: str, **more: Any) -> dict[str, Any]:
     """Layout with the abscissa's title; `more` goes into its axis."""
     return {"xaxis": {"title": {"text": x, "standoff": 4}, **more}, "hovermode": "closest"}
-
-
-def joined(parts: Sequence[str]) -> str:
-    """Words with commas and a last "and".
-
-    Examples
-    --------
-    >>> joined(["a", "b", "c"]), joined(["a"])
-    ('a, b and c', 'a')
-    """
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

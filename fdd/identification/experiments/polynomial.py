@@ -1,8 +1,8 @@
-"""Linear models by the prediction-error method: ``A·y = q⁻ᵏ·B/F·u + C/D·e`` (Ljung 1999, 4.2 and 7).
+"""Box-Jenkins models by the prediction-error method: ``y = q⁻ᵏ·B/F·u + C/D·e`` (Ljung 1999, 4.2 and 7).
 
-ARX, ARMAX, output-error and Box-Jenkins models (thesis 6.1) are this one structure with some polynomials
-left at one. No library is used for it: those that have all four either give no standard deviations or weigh
-more than this module by their dependencies.
+Of the structures of thesis 6.1 it is the one that holds whatever the noise is: an output-error model is one
+with C and D at one, ARX and ARMAX models give noise the plant's own poles. No library is used for it: those
+that have it either give no standard deviations or weigh more than this module by their dependencies.
 """
 
 from __future__ import annotations
@@ -16,10 +16,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
-STRUCTURES = {"ARX": "ab", "ARMAX": "abc", "OE": "bf", "BJ": "bcdf"}
-"""The polynomials that each structure has."""
 UNSTABLE = 1e3
 """Standard deviations of the output that a prediction with unstable filters counts as wrong."""
 SCORE_SECONDS = 0.25
@@ -32,7 +29,7 @@ class Series:
 
     given: Array
     caused: Array
-    used: Mask
+    used: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -41,52 +38,50 @@ class Model:
 
     Attributes
     ----------
-    structure : ARX, ARMAX, OE or BJ. order : number of poles. delay, period : samples and s.
-    theta, covariance : coefficients, b first where there is no a, and their covariance, which holds for
-        coloured errors too. variance : of the prediction error. bic : Bayesian information criterion.
+    order : number of poles. delay, period : samples and s.
+    theta, covariance : coefficients of b, c, d and f, and their covariance, which holds for coloured errors
+        too. bic : Bayesian information criterion.
     """
 
-    structure: str
     order: int
     delay: int
     period: float
     theta: Array
     covariance: Array
-    variance: float
     bic: float
 
-    def polynomials(self, theta: Array | None = None) -> dict[str, Array]:
-        """a, b, c, d and f in powers of 1/z, leading ones and the delay's zeros included."""
-        return _split(self.structure, self.order, self.delay, self.theta if theta is None else theta)
+    def polynomials(self, theta: Array | None = None) -> tuple[Array, Array, Array, Array]:
+        """b, c, d and f in powers of 1/z, leading ones and the delay's zeros included."""
+        return _split(self.order, self.delay, self.theta if theta is None else theta)
 
     def simulate(self, given: Array) -> Array:
         """What the input alone causes, (n,), from rest."""
-        p = self.polynomials()
-        return np.asarray(lfilter(p["b"], np.convolve(p["a"], p["f"]), given))
+        b, _, _, f = self.polynomials()
+        return np.asarray(lfilter(b, f, given))
 
     def errors(self, series: Series) -> Array:
         """(n,) one-step prediction errors."""
-        return _predict(self.polynomials(), series)[0]
+        b, c, d, f = self.polynomials()
+        return np.asarray(lfilter(d, c, series.caused - lfilter(b, f, series.given)))
 
     def at(self, frequency: Array) -> NDArray[np.complex128]:
         """Response at `frequency` (n,) in Hz."""
-        p, z = self.polynomials(), np.exp(-2j * np.pi * frequency * self.period)
-        ratio = np.polyval(p["b"][::-1], z) / np.polyval(np.convolve(p["a"], p["f"])[::-1], z)
-        return np.asarray(ratio, dtype=np.complex128)
+        b, _, _, f = self.polynomials()
+        z = np.exp(-2j * np.pi * frequency * self.period)
+        return np.asarray(np.polyval(b[::-1], z) / np.polyval(f[::-1], z), dtype=np.complex128)
 
     def facts(self, theta: Array | None = None) -> Array:
         """Gain at rest, then natural frequency (Hz) and damping of each pole, slowest first.
 
         A pole on the negative real axis or at zero belongs to no continuous system and has NaN.
         """
-        p = self.polynomials(theta)
-        bottom = np.convolve(p["a"], p["f"])
-        z = np.roots(bottom).astype(np.complex128)
+        b, _, _, f = self.polynomials(theta)
+        z = np.roots(f).astype(np.complex128)
         possible = (z.real > 0.0) | (np.abs(z.imag) > 1e-9)
         s = np.log(np.where(possible, z, np.nan)) / self.period
         s = s[np.lexsort((s.imag, np.abs(s)))]
         size = np.abs(s)
-        return np.concatenate([[p["b"].sum() / bottom.sum()], size / (2.0 * np.pi), -s.real / size])
+        return np.concatenate([[b.sum() / f.sum()], size / (2.0 * np.pi), -s.real / size])
 
     def facts_std(self) -> Array:
         """Standard deviation of each of `facts`."""
@@ -100,40 +95,50 @@ class Model:
         return np.where(variance < 0.0, np.inf, np.sqrt(np.maximum(variance, 0.0)))
 
 
-def fit_model(series: list[Series], period: float, structure: str, order: int, delay: int) -> Model:
+def fit_model(series: list[Series], period: float, order: int, delay: int) -> Model:
     """Make the sum of squared prediction errors least.
 
     Parameters
     ----------
     series : one or more stretches. period : s.
-    structure : ARX, ARMAX, OE or BJ.
-    order : of all its polynomials but c and d, which have two coefficients at most; b has one more.
-    delay : samples.
+    order : of f; b has one coefficient more, c and d two at most. delay : samples.
 
     Examples
     --------
     >>> rng = np.random.default_rng(1)
     >>> u = rng.standard_normal(4000)
     >>> y = lfilter([0.0, 0.5], [1.0, -0.8], u) + 0.1 * rng.standard_normal(4000)
-    >>> model = fit_model([Series(u, y, np.ones(4000, bool))], 0.01, "OE", 1, 1)
+    >>> model = fit_model([Series(u, y, np.ones(4000, bool))], 0.01, 1, 1)
     >>> model.facts()[:2].round(1).tolist(), bool(model.facts_std()[0] < 0.02)
     ([2.5, 3.5], True)
     """
     size = float(np.sqrt(np.mean(np.concatenate([s.caused[s.used] ** 2 for s in series]))))
+    few = min(order, 2)
 
     def residual(theta: Array) -> Array:
-        p = _split(structure, order, delay, theta)
-        if not (_stable(p["c"]) and _stable(p["f"])):
+        b, c, d, f = _split(order, delay, theta)
+        if max(np.abs(np.roots(p)).max(initial=0.0) for p in (c, f)) >= 1.0:
             return np.full(sum(int(s.used.sum()) for s in series), UNSTABLE * size)
-        return np.concatenate([_predict(p, s)[0][s.used] for s in series])
+        left = [lfilter(d, c, s.caused - lfilter(b, f, s.given))[s.used] for s in series]
+        return np.concatenate(left)
 
     def jacobian(theta: Array) -> Array:
-        p = _split(structure, order, delay, theta)
-        return np.concatenate([_gradient(p, structure, order, delay, s)[s.used] for s in series])
+        b, c, d, f = _split(order, delay, theta)
+        both, parts = np.convolve(c, f), []
+        for s in series:
+            response = lfilter(b, f, s.given)
+            left = s.caused - response
+            of = (
+                (-lfilter(d, both, s.given), order + 1, delay),
+                (-lfilter([1.0], c, lfilter(d, c, left)), few, 1),
+                (lfilter([1.0], c, left), few, 1),
+                (lfilter(d, both, response), order, 1),
+            )
+            parts.append(np.hstack([_lagged(*each) for each in of])[s.used])
+        return np.concatenate(parts)
 
-    theta = _start(series, structure, order, delay)
-    if structure != "ARX":  # that one is linear, and its start the answer
-        theta = least_squares(residual, theta, jacobian, method="lm", x_scale="jac", max_nfev=100).x
+    start = _start(series, order, delay)
+    theta = least_squares(residual, start, jacobian, method="lm", x_scale="jac", max_nfev=100).x
     left, slopes = residual(theta), jacobian(theta)
     rows = left.size
     inverse = np.linalg.pinv(slopes.T @ slopes, hermitian=True)
@@ -141,63 +146,26 @@ def fit_model(series: list[Series], period: float, structure: str, order: int, d
     scores = np.add.reduceat(slopes * left[:, None], np.arange(0, rows, step))
     groups = scores.shape[0]
     meat = scores.T @ scores * groups / max(groups - theta.size, 1)
-    variance = float(np.mean(left**2))
-    bic = rows * np.log(variance + 1e-300) + theta.size * np.log(rows)
-    return Model(structure, order, delay, period, theta, inverse @ meat @ inverse, variance, float(bic))
+    bic = rows * np.log(float(np.mean(left**2)) + 1e-300) + theta.size * np.log(rows)
+    return Model(order, delay, period, theta, inverse @ meat @ inverse, float(bic))
 
 
-def best_model(
-    series: list[Series], period: float, structure: str, orders: tuple[int, ...], delay: int
-) -> Model:
+def best_model(series: list[Series], period: float, orders: tuple[int, ...], delay: int) -> Model:
     """The model of the order with the least BIC; parameters as in `fit_model`."""
-    return min((fit_model(series, period, structure, n, delay) for n in orders), key=lambda m: m.bic)
+    return min((fit_model(series, period, n, delay) for n in orders), key=lambda m: m.bic)
 
 
 def find_delay(series: list[Series], most: int) -> int:
     """Samples of delay, 0 to `most`, with which an ARX model of fourth order errs least."""
-    return min(range(most + 1), key=lambda d: fit_model(series, 1.0, "ARX", 4, d).variance)
+    return min(range(most + 1), key=lambda d: _arx(series, 4, d)[1])
 
 
-def _counts(structure: str, order: int) -> dict[str, int]:
+def _split(order: int, delay: int, theta: Array) -> tuple[Array, Array, Array, Array]:
     few = min(order, 2)
-    counts = {"a": order, "b": order + 1, "c": few, "d": few, "f": order}
-    return {name: counts[name] for name in STRUCTURES[structure]}
-
-
-def _split(structure: str, order: int, delay: int, theta: Array) -> dict[str, Array]:
-    p = {name: np.ones(1) for name in "abcdf"}
-    first = 0
-    for name, count in _counts(structure, order).items():
-        head = np.zeros(delay) if name == "b" else np.ones(1)
-        p[name] = np.concatenate([head, theta[first : first + count]])
-        first += count
-    return p
-
-
-def _stable(polynomial: Array) -> bool:
-    return polynomial.size < 2 or bool(np.max(np.abs(np.roots(polynomial))) < 1.0)
-
-
-def _predict(p: dict[str, Array], s: Series) -> tuple[Array, Array, Array]:
-    """Prediction error, and on the way to it the response and what it leaves."""
-    response = lfilter(p["b"], p["f"], s.given)
-    left = lfilter(p["a"], [1.0], s.caused) - response
-    return lfilter(p["d"], p["c"], left), response, left
-
-
-def _gradient(p: dict[str, Array], structure: str, order: int, delay: int, s: Series) -> Array:
-    """(n, parameters) of the prediction errors over each coefficient."""
-    error, response, left = _predict(p, s)
-    both = np.convolve(p["c"], p["f"])
-    of = {
-        "a": (lfilter(p["d"], p["c"], s.caused), 1),
-        "b": (-lfilter(p["d"], both, s.given), delay),
-        "c": (-lfilter([1.0], p["c"], error), 1),
-        "d": (lfilter([1.0], p["c"], left), 1),
-        "f": (lfilter(p["d"], both, response), 1),
-    }
-    counts = _counts(structure, order)
-    return np.hstack([_lagged(of[name][0], count, of[name][1]) for name, count in counts.items()])
+    b, c, d, f = np.split(theta, np.cumsum([order + 1, few, few]))
+    one = np.ones(1)
+    c, d, f = (np.concatenate([one, p]) for p in (c, d, f))
+    return np.concatenate([np.zeros(delay), b]), c, d, f
 
 
 def _lagged(values: Array, count: int, first: int) -> Array:
@@ -206,28 +174,27 @@ def _lagged(values: Array, count: int, first: int) -> Array:
     return np.asarray(toeplitz(late, np.zeros(count)))
 
 
-def _arx(series: list[Series], order: int, delay: int) -> Array:
-    """(2·order + 1,) coefficients a and b, by linear least squares."""
-    rows = [
+def _arx(series: list[Series], order: int, delay: int) -> tuple[Array, float]:
+    """(2·order + 1,) a and b of ``A·y = q⁻ᵏ·B·u + e`` by least squares, and the mean square error."""
+    rows = np.concatenate([
         np.hstack([-_lagged(s.caused, order, 1), _lagged(s.given, order + 1, delay)])[s.used] for s in series
-    ]
+    ])  # fmt: skip
     wanted = np.concatenate([s.caused[s.used] for s in series])
-    return np.asarray(np.linalg.lstsq(np.concatenate(rows), wanted, rcond=None)[0])
+    theta = np.asarray(np.linalg.lstsq(rows, wanted, rcond=None)[0])
+    return theta, float(np.mean((wanted - rows @ theta) ** 2))
 
 
-def _start(series: list[Series], structure: str, order: int, delay: int) -> Array:
-    """A first guess: linear least squares, for output-error structures filtered (Steiglitz and McBride)."""
-    theta, few = _arx(series, order, delay), min(order, 2)
-    if structure == "ARX":
-        return theta
-    if structure == "ARMAX":
-        return np.concatenate([theta, np.zeros(few)])
+def _start(series: list[Series], order: int, delay: int) -> Array:
+    """A first guess: linear least squares of what is filtered by the model before (Steiglitz and McBride)."""
+    theta = _arx(series, order, delay)[0]
     for _ in range(10):
         bottom = _reflected(np.concatenate([[1.0], theta[:order]]))
-        smooth = [(lfilter([1.0], bottom, s.given), lfilter([1.0], bottom, s.caused)) for s in series]
-        theta = _arx([Series(*x, s.used) for x, s in zip(smooth, series, strict=True)], order, delay)
+        filtered = [
+            Series(lfilter([1.0], bottom, s.given), lfilter([1.0], bottom, s.caused), s.used) for s in series
+        ]
+        theta = _arx(filtered, order, delay)[0]
     f = _reflected(np.concatenate([[1.0], theta[:order]]))[1:]
-    return np.concatenate([theta[order:], np.zeros(2 * few if structure == "BJ" else 0), f])
+    return np.concatenate([theta[order:], np.zeros(2 * min(order, 2)), f])
 
 
 def _reflected(polynomial: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Input and output of a log on a grid as coarse as the question allows, and their spectra."""
+"""Input and output of a log on a grid as coarse as the question allows, and their spectra by Welch."""
 
 from __future__ import annotations
 
@@ -15,13 +15,9 @@ from fdd.identification.experiments.polynomial import Series
 from fdd.identification.record import Record
 
 Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
-INPUTS = ("pump_speed", "command")
-OUTPUTS = ("rate", "position", "pressure_difference")
-LONGEST = 10.0
+LONGEST, SHORTEST = 10.0, 2.0
 """s of one stretch."""
-SHORTEST = 2.0
 MOST_ROWS = 40_000
 """Of the grid, those with the strongest input: more sharpen little and take minutes."""
 QUIET = 0.1
@@ -34,9 +30,7 @@ OVERLAPPED = 1.056
 """Windows of Hann overlapping by half per independent one (Welch, doi.org/10.1109/TAU.1967.1161901)."""
 
 
-def stretches(
-    records: list[Record], given: str, caused: str, rate_hz: float, longest: float = LONGEST
-) -> tuple[list[Series], float]:
+def stretches(records: list[Record], given: str, caused: str, rate_hz: float) -> tuple[list[Series], float]:
     """The stretches of all logs with the strongest input, and their sampling interval (s).
 
     Every signal is averaged over each interval: for a held command and for counts of an encoder that is
@@ -44,8 +38,8 @@ def stretches(
 
     Parameters
     ----------
-    records : logs of one sampling rate. given, caused : of `INPUTS` and `OUTPUTS`.
-    rate_hz : the grid is no coarser than this. longest : s of one stretch.
+    records : logs of one sampling rate. given : pump_speed or command.
+    caused : rate, position or pressure_difference. rate_hz : the grid is no coarser than this.
 
     Returns
     -------
@@ -59,17 +53,22 @@ def stretches(
     if any(abs(r.period / period - 1.0) > 0.01 for r in records):
         raise InputError("the logs' sampling rates differ", mend="give logs of one rate")
     coarser = max(int(1.0 / (period * rate_hz)), 1)
+    rim = round(SETTLING / (coarser * period))
     found = []
     for record in records:
         signals = np.column_stack([np.diff(_integral(record, c)) / period for c in (given, caused)])
-        for rows in _runs(~record.gap[1:], round(longest / period), round(SHORTEST / period)):
-            part = signals[rows] - signals[rows].mean(axis=0)
-            if coarser > 1:
-                part = decimate(part, coarser, ftype="fir", axis=0)
-            used = np.ones(part.shape[0], dtype=bool)
-            rim = round(SETTLING / (coarser * period))
-            used[:rim] = used[-rim:] = False
-            found.append(Series(part[:, 0].copy(), part[:, 1].copy(), used))
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], (~record.gap[1:]).astype(np.int8), [0]))))
+        for start, stop in edges.reshape(-1, 2):
+            count = -(-(stop - start) // round(LONGEST / period))
+            for a, b in pairwise(np.linspace(start, stop, count + 1).astype(int)):
+                if b - a < round(SHORTEST / period):
+                    continue
+                part = signals[a:b] - signals[a:b].mean(axis=0)
+                if coarser > 1:
+                    part = decimate(part, coarser, ftype="fir", axis=0)
+                used = np.ones(part.shape[0], dtype=bool)
+                used[:rim] = used[-rim:] = False
+                found.append(Series(part[:, 0].copy(), part[:, 1].copy(), used))
     if not found:
         raise InputError(f"no {SHORTEST:.0f} s without a gap", mend="record without gaps")
     found.sort(key=lambda s: -float(np.std(s.given)))
@@ -92,24 +91,13 @@ def _integral(record: Record, name: str) -> Array:
     return np.concatenate([[0.0], np.cumsum(held[:-1]) * record.period])
 
 
-def _runs(good: NDArray[np.bool_], longest: int, shortest: int) -> list[slice]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], good.astype(np.int8), [0]))))
-    runs = []
-    for start, stop in edges.reshape(-1, 2):
-        count = -(-(stop - start) // longest)
-        ends = np.linspace(start, stop, count + 1).astype(int)
-        runs += [slice(a, b) for a, b in pairwise(ends) if b - a >= shortest]
-    return runs
-
-
-def halves(series: list[Series]) -> tuple[list[Series], list[Series]]:
-    """The same stretches, with every other part to fit and the parts between to test."""
-
-    def only(s: Series, odd: int) -> Series:
-        part = np.arange(s.given.size) * PARTS // s.given.size
-        return Series(s.given, s.caused, s.used & (part % 2 == odd))
-
-    return [only(s, 0) for s in series], [only(s, 1) for s in series]
+def halves(series: list[Series]) -> list[list[Series]]:
+    """The same stretches twice, with every other part to fit and the parts between to test."""
+    parts = [np.arange(s.given.size) * PARTS // s.given.size for s in series]
+    return [
+        [Series(s.given, s.caused, s.used & (p % 2 == odd)) for s, p in zip(series, parts, strict=True)]
+        for odd in (0, 1)
+    ]
 
 
 @dataclass(frozen=True)
@@ -119,11 +107,12 @@ class Spectra:
     Attributes
     ----------
     response : cross spectrum over the input's own. coherence : squared, 0 to 1.
-    radius : of the circle about the response that holds the true one in 95 %.
+    radius : of the circle about the response that holds the true one in 95 % (Bendat and Piersol, Random
+        Data, 9.2.3).
     """
 
     frequency: Array
-    response: ComplexArray
+    response: NDArray[np.complex128]
     coherence: Array
     radius: Array
 
@@ -131,34 +120,49 @@ class Spectra:
 def welch(series: list[Series], period: float, window_s: float) -> Spectra:
     """Welch's estimate with Hann windows of `window_s` that overlap by half, over all stretches."""
     rows = max(round(window_s / period), 16)
-    own = out = cross = np.zeros(rows // 2 + 1, dtype=np.complex128)
-    windows = 0
+    powers, windows = np.zeros((3, rows // 2 + 1), dtype=np.complex128), 0
     for s in series:
         count = max((s.given.size - rows) // (rows - rows // 2) + 1, 0)
         if count:
-            both = [csd(a, b, 1.0 / period, nperseg=rows, detrend="linear")[1]
-                    for a, b in ((s.given, s.given), (s.caused, s.caused), (s.given, s.caused))]  # fmt: skip
-            own, out, cross = (x + count * y for x, y in zip((own, out, cross), both, strict=True))
+            pairs = ((s.given, s.given), (s.caused, s.caused), (s.given, s.caused))
+            powers += count * np.array(
+                [csd(a, b, 1.0 / period, nperseg=rows, detrend="linear")[1] for a, b in pairs]
+            )
             windows += count
     frequency = np.asarray(np.fft.rfftfreq(rows, period), dtype=np.float64)
     use = (frequency > 0.0) & (frequency < 0.4 / period)
+    own, out = (np.maximum(x, 1e-12 * x.max(initial=0.0) + 1e-300) for x in powers[:2].real[:, use])
+    cross = powers[2, use]
+    response = cross / own
+    coherence = np.clip(np.abs(cross) ** 2 / own / out, 1e-9, 1.0)
     free = max(windows / OVERLAPPED, 2.0)
-    return averaged(frequency[use], np.real(own)[use], np.real(out)[use], cross[use], free)
+    share = fisher.ppf(0.95, 2, 2.0 * free - 2.0) / (free - 1.0) * (1.0 / coherence - 1.0)
+    return Spectra(frequency[use], response, coherence, np.abs(response) * np.sqrt(share))
 
 
-def averaged(frequency: Array, own: Array, out: Array, cross: ComplexArray, independent: float) -> Spectra:
-    """Response, coherence and 95 % radius from averaged powers.
-
-    The band is Bendat and Piersol's (Random Data, 9.2.3).
+def half_power_frequency(frequency: Array, magnitude: Array, reference: float) -> float:
+    """Where a response first falls below `reference`/√2, between the points by a straight line.
 
     Parameters
     ----------
-    frequency : (n,) Hz. own, out, cross : (n,) powers of input and output, output times conjugate input.
-    independent : number of independent ones in each average; with one alone nothing is known of the noise.
+    frequency : (n,) Hz, rising. magnitude : (n,) of the response.
+    reference : magnitude that counts as undiminished.
+
+    Returns
+    -------
+    Hz; NaN where the magnitude never falls so far, the first frequency where it begins below.
+
+    Examples
+    --------
+    >>> round(half_power_frequency(np.array([1.0, 2.0]), np.array([1.0, 0.0]), 1.0), 3)
+    1.293
     """
-    own, out = (np.maximum(x, 1e-12 * x.max(initial=0.0) + 1e-300) for x in (own, out))
-    response = cross / own
-    coherence = np.clip(np.abs(cross) ** 2 / own / out, 1e-9, 1.0)
-    free = max(independent, 1.05)
-    share = fisher.ppf(0.95, 2, 2.0 * free - 2.0) / (free - 1.0) * (1.0 / coherence - 1.0)
-    return Spectra(frequency, response, coherence, np.abs(response) * np.sqrt(share))
+    level = reference / np.sqrt(2.0)
+    below = np.flatnonzero(magnitude < level)
+    if below.size == 0:
+        return float("nan")
+    k = int(below[0])
+    if k == 0:
+        return float(frequency[0])
+    share = (magnitude[k - 1] - level) / (magnitude[k - 1] - magnitude[k])
+    return float(frequency[k - 1] + share * (frequency[k] - frequency[k - 1]))

@@ -8,7 +8,7 @@ hardly slides its friction cannot be seen, and the answer names internal leakage
 
 from __future__ import annotations
 
-from fdd.faults import Columns, Effect, Fault, Figure, Healthy, Signature
+from fdd.faults import Amount, Columns, Effect, Fault, Figure, Healthy, Signature
 
 LOST = 0.5
 """Share of the friction that is gone at severity 1."""
@@ -28,6 +28,7 @@ FAULT = Fault(
     title="extruded piston seal",
     plant="oil passes the piston, and the piston rubs less",
     severity="+12e-12 m³/(s·Pa) past the piston and 50 % of the friction gone",
+    amounts=(Amount(12, "e-12 m³/(s·Pa)", "fault_leakage"),),
     source="leakage as of internal leakage; by pressure over viscosity as laminar flow through an annular "
     "gap (Merritt, Hydraulic Control Systems, 1967, chapter 3); assumption: half of the friction is the "
     "piston seal's, the rod seals have the other half",
