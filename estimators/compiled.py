@@ -2,7 +2,7 @@
 
 Numba dates what it keeps by the function's own file. But a compiled function also holds the functions that it
 calls and the constants that it imports, and goes on with the old ones when their files change. Here each
-result is stored with a hash of all sources of its package, and is used only while that hash is the same.
+result is dated by a hash of all sources of its package, and is used only while that hash is the same.
 Where it is kept is left to Numba: beside the sources; where they cannot be written, below the user's cache
 folder; or in ``NUMBA_CACHE_DIR``. A new result replaces the old one, so edits do not fill the folder.
 """
@@ -10,6 +10,7 @@ folder; or in ``NUMBA_CACHE_DIR``. A new result replaces the old one, so edits d
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
 
 
@@ -60,7 +61,14 @@ def compiler(*folders: Path) -> Callable[..., Any]:
         def decorated(function: Callable[..., Any]) -> Any:
             compiled = numba.njit(**options)(function)
             if key is not None and not numba.config.DISABLE_JIT:
-                _keep(compiled, key)
+                try:
+                    compiled._cache = _Kept(function, key)
+                except RuntimeError:  # Numba's, where it finds no folder that can be written.
+                    warnings.warn(
+                        "compiled code cannot be kept and each start compiles anew: "
+                        "set NUMBA_CACHE_DIR to a folder that can be written",
+                        stacklevel=1,
+                    )
             return compiled
 
         return decorated
@@ -68,46 +76,16 @@ def compiler(*folders: Path) -> Callable[..., Any]:
     return njit
 
 
-def _keep(compiled: Any, key: str) -> None:
-    """Let a compiled function look for its code on disk, and leave it there."""
-    try:
-        cache = _Kept(compiled.py_func)
-    except RuntimeError:  # Numba's, where it finds no folder that can be written.
-        warnings.warn(
-            "compiled code cannot be kept and each start compiles anew: "
-            "set NUMBA_CACHE_DIR to a folder that can be written",
-            stacklevel=1,
-        )
-        return
-    cache._impl.key = key
-    compiled._cache = cache
-
-
-class _Stored(CompileResultCacheImpl):
-    """What Numba writes to a file and reads from it, with the key of the sources."""
-
-    key: str
-
-    def get_filename_base(self, fullname: str, abiflags: str) -> str:
-        """Numba's name has the function's line, which would leave a file behind whenever lines shift."""
-        if "<" in fullname:  # Local functions may share a name, those of a module do not.
-            return str(super().get_filename_base(fullname, abiflags))
-        return f"{fullname}.py{sys.version_info[0]}{sys.version_info[1]}{abiflags}"
-
-    def reduce(self, result: Any) -> tuple[str, Any]:
-        return self.key, super().reduce(result)
-
-    def rebuild(self, target_context: Any, stored: tuple[Any, ...]) -> Any:
-        """None, for which Numba compiles, if other sources made it."""
-        if stored[0] != self.key:
-            return None
-        return super().rebuild(target_context, stored[1])
-
-
 class _Kept(FunctionCache):
-    """Numba's cache of one function."""
+    """Numba's cache of one function, dated by a hash of all sources instead of its own file's time."""
 
-    _impl_class = _Stored
+    def __init__(self, function: Callable[..., Any], key: str) -> None:
+        super().__init__(function)
+        name = self._impl.filename_base
+        if "<" not in function.__qualname__:  # Local functions may share a name, those of a module do not.
+            # Numba's name has the function's line, which would leave a file behind whenever lines shift.
+            name = re.sub(r"-\d+(?=\.py\d+)", "", name)
+        self._cache_file = IndexDataCacheFile(self._cache_path, name, key)
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """The code kept for a signature, or None.

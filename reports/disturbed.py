@@ -165,10 +165,8 @@ DISTURBANCES: dict[str, Disturbance] = {
 class Comparison:
     """One log's answers, plain and disturbed.
 
-    Attributes
-    ----------
-    unit : which. disturbance : of `DISTURBANCES`. healthy : so it was. verdict, fault, onset : whether these
-        are the same: the leading fault or one of its ambiguity group, the onset to a second.
+    `unit`: which. `disturbance`: of `DISTURBANCES`. `healthy`: so it was. `verdict`, `fault`, `onset`:
+    whether these are the same: the leading fault or one of its ambiguity group, the onset to a second.
     """
 
     unit: str

@@ -33,12 +33,10 @@ NEAR = 0.02
 class Told:
     """What was identified of one unit.
 
-    Attributes
-    ----------
-    refusals : why the command refuses, or why nothing could be identified; empty where it accepts.
-    single_rod : whether one rod stands on one side. travel, ratio : travel per rad of the pump and area ratio
-        over the true ones, NaN where nothing was identified.
-    departures : quantity to (identified - true) / std, one for each number with a standard deviation.
+    `refusals`: why the command refuses, or why nothing could be identified; empty where it accepts.
+    `single_rod`: whether one rod stands on one side. `travel`, `ratio`: travel per rad of the pump and area
+    ratio over the true ones, NaN where nothing was identified. `departures`: quantity to (identified - true)
+    / std, one for each number with a standard deviation.
     """
 
     unit: str
@@ -53,9 +51,7 @@ class Told:
 def identification(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Told]:
     """What the command makes of each unit's baseline runs.
 
-    Raises
-    ------
-    InputError : not a data set, or one without baseline runs.
+    Raises `InputError`: not a data set, or one without baseline runs.
     """
     data = Dataset.load(directory)
     if not all(data.manifest.baselines.values()):

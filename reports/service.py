@@ -66,9 +66,7 @@ class Broker:
     def start(self) -> None:
         """Start it, and wait until it listens.
 
-        Raises
-        ------
-        InputError : it does not.
+        Raises `InputError`: it does not.
         """
         assert MOSQUITTO is not None
         self._process = subprocess.Popen([MOSQUITTO, "-c", str(self._config)], stderr=subprocess.DEVNULL)
@@ -88,10 +86,8 @@ class Broker:
 class Process:
     """`fdd serve` with its state and log in a folder.
 
-    Parameters
-    ----------
-    folder : of everything. sources : of `serve.yaml`. more : what else stands there.
-    core : that it is pinned to.
+    `folder`: of everything. `sources`: of `serve.yaml`. `more`: what else stands there. `core`: that it is
+    pinned to.
     """
 
     def __init__(

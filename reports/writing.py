@@ -34,9 +34,7 @@ def load_now() -> str:
 def require_folder(out: Path, *, pictures: bool = False) -> None:
     """Refuse before anything is measured what cannot be written or drawn after it.
 
-    Raises
-    ------
-    InputError : the folder cannot be written, or matplotlib is missing where there are pictures.
+    Raises `InputError`: the folder cannot be written, or matplotlib is missing where there are pictures.
     """
     require_writable(out, folder=True)
     if pictures:
@@ -69,10 +67,8 @@ Curve = tuple[Any, Any, str, str | None]
 class Panel:
     """One panel of a picture.
 
-    Attributes
-    ----------
-    settings : of ``Axes.set``: labels, scales, limits, title.
-    at_x, at_y : value to label of lines across the panel.
+    `settings`: of ``Axes.set``: labels, scales, limits, title. `at_x`, `at_y`: value to label of lines across
+    the panel.
     """
 
     curves: Sequence[Curve]
@@ -84,9 +80,7 @@ class Panel:
 def draw(path: Path, panels: Sequence[Panel], *, columns: int = 1, height: float = 4.2) -> None:
     """Draw panels, row by row, as a PNG of 900 pixels width; all of a column have one x axis.
 
-    Raises
-    ------
-    InputError : it cannot be written, or matplotlib is missing.
+    Raises `InputError`: it cannot be written, or matplotlib is missing.
     """
     require_matplotlib()
     import matplotlib

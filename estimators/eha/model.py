@@ -101,25 +101,12 @@ COMPLIANCE_FLOOR = 0.2  # of the stiff oil's: no amount of negative air may make
 
 
 def parameters(
-    *,
-    area_1: float,
-    area_2: float,
-    volume_1: float,
-    volume_2: float,
-    moving_mass: float,
-    displacement: float,
-    cross_port_leakage: float,
-    case_leakage: float,
-    bulk_modulus: float,
-    air_fraction: float,
-    polytropic_index: float,
-    reference_pressure: float,
-    friction_forward: tuple[float, float, float, float],
-    friction_reverse: tuple[float, float, float, float],
-    accumulator_pressure: float,
-    sliding_velocity: float = 5e-3,
-    position_compliance: float = 1.0,
-) -> Parameters:
+    *, area_1: float, area_2: float, volume_1: float, volume_2: float, moving_mass: float,
+    displacement: float, cross_port_leakage: float, case_leakage: float, bulk_modulus: float,
+    air_fraction: float, polytropic_index: float, reference_pressure: float,
+    friction_forward: tuple[float, float, float, float], friction_reverse: tuple[float, float, float, float],
+    accumulator_pressure: float, sliding_velocity: float = 5e-3, position_compliance: float = 1.0,
+) -> Parameters:  # fmt: skip
     """Pack a unit's numbers, in SI, into the model's parameters.
 
     Parameters

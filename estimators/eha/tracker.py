@@ -48,33 +48,17 @@ class EhaTracker:
     """
 
     def __init__(
-        self,
-        model: eha.Parameters,
-        noise: Noise | None = None,
-        method: Method = "ekf",
-        *,
-        period: float = 1e-3,
-        pressures: bool = True,
-        angle: bool = True,
-        difference: bool = True,
-        viscous_friction: float = 0.0,
-        viscous_skew: float = 0.0,
-        air_fraction: float = 0.003,
-        decimation: int = 10,
-        gamma: float = 0.1,
-        layer: float = 10.0,
-    ) -> None:
+        self, model: eha.Parameters, noise: Noise | None = None, method: Method = "ekf", *,
+        period: float = 1e-3, pressures: bool = True, angle: bool = True, difference: bool = True,
+        viscous_friction: float = 0.0, viscous_skew: float = 0.0, air_fraction: float = 0.003,
+        decimation: int = 10, gamma: float = 0.1, layer: float = 10.0,
+    ) -> None:  # fmt: skip
         if method not in ("ekf", "svsf"):
             raise ValueError(f"method is 'ekf' or 'svsf', not {method!r}")
         self.model = copy(model)
-        self.noise = noise or Noise()
-        self.method = method
-        self.period = period
-        self.pressures = pressures
-        self.angle = angle
-        self.decimation = decimation
-        self.gamma = gamma
-        self.layer = layer
+        self.noise, self.method, self.decimation = noise or Noise(), method, decimation
+        self.period, self.pressures, self.angle = period, pressures, angle
+        self.gamma, self.layer = gamma, layer
         c = self._c = self.noise.numbers()
         self.x = np.zeros(eha.STATES)
         self.x[[eha.LEAK, eha.FRIC]] = 1.0
@@ -98,11 +82,6 @@ class EhaTracker:
     def __repr__(self) -> str:
         return f"EhaTracker(method={self.method!r}, period={self.period}, pressures={self.pressures})"
 
-    @property
-    def noise_numbers(self) -> Noise:
-        """`noise` as the loop takes it, a copy: `Noise.numbers`, fixed states with no initial spread."""
-        return copy(self._c)
-
     def push(self, block: Array) -> Records:
         """Process the rows of a block.
 
@@ -125,17 +104,14 @@ class EhaTracker:
 
     def state(self) -> dict[str, Array]:
         """Everything that changes, as arrays (copies)."""
-        return {
-            "x": self.x.copy(),
-            "P": self.P.copy(),
-            "memory": self._memory.view(np.float64).copy(),
-            "e_post": self._e_post.copy(),
-        }
+        return {name: mine.copy() for name, mine in self._changing().items()}
+
+    def _changing(self) -> dict[str, Array]:
+        return {"x": self.x, "P": self.P, "memory": self._memory.view(np.float64), "e_post": self._e_post}
 
     def restore(self, state: dict[str, Array]) -> None:
         """Take a state back that `state` gave."""
-        memory = self._memory.view(np.float64)
-        for mine, name in ((self.x, "x"), (self.P, "P"), (memory, "memory"), (self._e_post, "e_post")):
+        for name, mine in self._changing().items():
             saved = np.asarray(state[name], dtype=np.float64)
             if saved.shape != mine.shape:
                 raise ValueError(f"{name}: shape {saved.shape} where {mine.shape} is wanted")

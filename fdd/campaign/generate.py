@@ -20,28 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd import __version__
+from fdd.campaign import dataset, drawing
 from fdd.campaign.calibration import calibration_runs, ordinary_strokes
 from fdd.campaign.card import write_card, write_sums
-from fdd.campaign.dataset import (
-    BASE_UNIT,
-    DATASET_SCHEMA,
-    LABELS,
-    MANIFEST,
-    PARTS,
-    RECIPE,
-    SUMS,
-    TRUE_UNIT,
-    digest,
-)
-from fdd.campaign.drawing import (
-    Rig,
-    as_it_runs,
-    assign_faults,
-    condition_of,
-    draw_scenario,
-    draw_unit,
-    stream,
-)
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.structures import Condition
 from fdd.campaign.visibility import is_visible, largest_rms, visibility
@@ -103,7 +84,7 @@ def generate(
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", mend="use 1 or more")
     directory, progress = Path(directory), progress or (lambda done, total: None)
-    faults, count = assign_faults(recipe), recipe.logs_per_unit
+    faults, count = drawing.assign_faults(recipe), recipe.logs_per_unit
     jobs: list[Job] = [
         (unit, name, tuple(faults[unit * count : (unit + 1) * count]))
         for unit in range(recipe.units)
@@ -117,7 +98,7 @@ def generate(
             for done, _ in enumerate(map_unordered(work, jobs, engine=engine, workers=workers), 1):
                 progress(done, len(jobs))
             _finish(recipe, directory)
-        if not (directory / SUMS).is_file():
+        if not (directory / dataset.SUMS).is_file():
             write_sums(directory)
         write_card(directory)
     return directory
@@ -132,24 +113,26 @@ def _names(recipe: Recipe) -> list[str]:
 def make_run(recipe: Recipe, directory: Path, job: Job) -> None:
     """Simulate and write one run of one unit, unless it is there already."""
     index, name, faults = job
-    rig = draw_unit(recipe, stream(recipe, "unit", index), index)
-    part = directory / PARTS / f"{rig.unit.name}-{name}.json"
+    rig = drawing.draw_unit(recipe, drawing.stream(recipe, "unit", index), index)
+    part = directory / dataset.PARTS / f"{rig.unit.name}-{name}.json"
     if part.is_file():
         return
     folder = directory / rig.unit.name
     folder.mkdir(exist_ok=True)
     log = None if name.startswith("baseline") else int(name.removeprefix("log_"))
+    condition: Condition | None = None
     if log is None:
         run = _baseline_run(recipe, rig, index, int(name.removeprefix("baseline_")))
     else:
-        run = _sane_run(recipe, rig, ("log", index, log), faults[log], condition_of(recipe, index, log))
+        condition = drawing.condition_of(recipe, index, log)
+        run = _sane_run(recipe, rig, ("log", index, log), faults[log], condition)
     if name == _names(recipe)[0]:
-        rig.unit.save(folder / TRUE_UNIT)
+        rig.unit.save(folder / dataset.TRUE_UNIT)
         if rig.structure is not None:
-            rig.sheet.save(folder / BASE_UNIT)
+            rig.sheet.save(folder / dataset.BASE_UNIT)
     entry = _label(recipe, rig, run, name, log)
     if log is not None and recipe.conditions:
-        entry["condition"] = getattr(condition_of(recipe, index, log), "name", "")
+        entry["condition"] = "" if condition is None else condition.name
     _write_log(recipe, directory / entry["file"], run, rig, entry)
     if log is not None:
         _write_truth(directory / entry["truth"], run)
@@ -162,10 +145,10 @@ def make_run(recipe: Recipe, directory: Path, job: Job) -> None:
     write_text(part, json.dumps(entry, indent=1))
 
 
-def _baseline_run(recipe: Recipe, rig: Rig, index: int, number: int) -> Simulation:
+def _baseline_run(recipe: Recipe, rig: drawing.Rig, index: int, number: int) -> Simulation:
     """One of the three healthy runs that a unit is identified by."""
     kind = rig.structure.baseline_kind if rig.structure is not None else None
-    rng = stream(recipe, "baseline", index)
+    rng = drawing.stream(recipe, "baseline", index)
     if (kind or recipe.baseline_kind) == "identification":
         run = calibration_runs(recipe, rig, rng)[number - 1]
     elif number == 1:
@@ -173,11 +156,11 @@ def _baseline_run(recipe: Recipe, rig: Rig, index: int, number: int) -> Simulati
     else:
         work = recipe.model_copy(update={"duration": ORDINARY_WORK})
         return _sane_run(work, rig, ("ordinary", index, number), ())
-    return simulate(*as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
+    return simulate(*drawing.as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
 
 
 def _sane_run(
-    recipe: Recipe, rig: Rig, purpose: tuple[str, int, int], faults: tuple[str, ...],
+    recipe: Recipe, rig: drawing.Rig, purpose: tuple[str, int, int], faults: tuple[str, ...],
     condition: Condition | None = None,
 ) -> Simulation:  # fmt: skip
     """Draw and simulate until the run neither rests at its limits nor relieves for long."""
@@ -185,12 +168,12 @@ def _sane_run(
     for departure in (rig.structure, condition):
         recipe = departure.applied(recipe) if departure is not None else recipe
     if condition is not None:
-        unit = condition.changed(unit, stream(recipe, "condition", *purpose[1:]))
+        unit = condition.changed(unit, drawing.stream(recipe, "condition", *purpose[1:]))
     for attempt in range(MOST_DRAWS):
-        rng = stream(recipe, *purpose, attempt)
-        scenario = draw_scenario(recipe, rig, rng, faults)
+        rng = drawing.stream(recipe, *purpose, attempt)
+        scenario = drawing.draw_scenario(recipe, rig, rng, faults)
         try:
-            run = simulate(*as_it_runs(recipe, rig, unit, scenario, purpose))
+            run = simulate(*drawing.as_it_runs(recipe, rig, unit, scenario, purpose))
         except InputError as error:
             problem = str(error)
             continue
@@ -203,7 +186,7 @@ def _sane_run(
 
 
 def _twin(
-    recipe: Recipe, directory: Path, rig: Rig, name: str, log: Samples, unit: Unit, scenario: Scenario
+    recipe: Recipe, directory: Path, rig: drawing.Rig, name: str, log: Samples, unit: Unit, scenario: Scenario
 ) -> dict[str, Any]:
     """Write the twin of a log, the same unit and scenario without its faults; what the label says of it.
 
@@ -242,7 +225,7 @@ def _trouble(run: Simulation) -> str:
     return ""
 
 
-def _label(recipe: Recipe, rig: Rig, run: Simulation, name: str, log: int | None) -> dict[str, Any]:
+def _label(recipe: Recipe, rig: drawing.Rig, run: Simulation, name: str, log: int | None) -> dict[str, Any]:
     scenario, unit = run.scenario, rig.unit.name
     structure: dict[str, Any] = {}
     if rig.structure is not None:
@@ -271,7 +254,7 @@ def _label(recipe: Recipe, rig: Rig, run: Simulation, name: str, log: int | None
     }  # fmt: skip
 
 
-def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: Rig, entry: dict[str, Any]) -> None:
+def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: drawing.Rig, entry: dict[str, Any]) -> None:
     if recipe.format == "parquet":
         _write_table(path, {"time": run.samples.time, **run.samples.columns})
         return
@@ -316,19 +299,19 @@ def _begin(recipe: Recipe, directory: Path) -> bool:
     if directory.exists() and not directory.is_dir():
         raise InputError("is a file", where=directory, mend="give the name of a folder")
     directory.mkdir(parents=True, exist_ok=True)
-    kept = directory / RECIPE
+    kept = directory / dataset.RECIPE
     if kept.is_file():
         if kept.read_text(encoding="utf-8", errors="replace") != _signed(recipe):
             mend = "choose an empty folder, or remove this one"
             raise InputError("holds data of another recipe or version", where=directory, mend=mend)
-        if (directory / MANIFEST).is_file():
+        if (directory / dataset.MANIFEST).is_file():
             return True
     elif any(not f.name.endswith(".part") for f in directory.iterdir()):
         problem = "not empty, and not the beginning of a data set"
         raise InputError(problem, where=directory, mend="choose an empty folder")
     else:
         write_text(kept, _signed(recipe))
-    (directory / PARTS).mkdir(exist_ok=True)
+    (directory / dataset.PARTS).mkdir(exist_ok=True)
     for left in directory.glob("**/.*.part"):
         left.unlink(missing_ok=True)
     return False
@@ -340,19 +323,19 @@ def _signed(recipe: Recipe) -> str:
 
 def _finish(recipe: Recipe, directory: Path) -> None:
     """Gather the labels, then write the manifest: only now it is a data set."""
-    parts = directory / PARTS
+    parts = directory / dataset.PARTS
     entries = [json.loads(part.read_text(encoding="utf-8")) for part in sorted(parts.glob("*.json"))]
     logs = [{k: v for k, v in e.items() if k != "baseline"} for e in entries if not e["baseline"]]
     baselines: dict[str, list[str]] = {}
     for e in entries:
         baselines.setdefault(e["unit"], []).extend([e["file"]] if e["baseline"] else [])
     labels = json.dumps(logs, indent=1) + "\n"
-    write_text(directory / LABELS, labels)
+    write_text(directory / dataset.LABELS, labels)
     manifest = {
-        "schema": DATASET_SCHEMA, "name": recipe.name, "version": __version__, "seed": recipe.seed,
+        "schema": dataset.DATASET_SCHEMA, "name": recipe.name, "version": __version__, "seed": recipe.seed,
         "units": recipe.units, "number": len(logs),
         "hours": round(sum(e["duration_s"] for e in logs) / 3600.0, 3), "baselines": baselines,
-        "sha256": digest(_signed(recipe), labels),
+        "sha256": dataset.digest(_signed(recipe), labels),
     }  # fmt: skip
-    write_text(directory / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+    write_text(directory / dataset.MANIFEST, json.dumps(manifest, indent=1) + "\n")
     shutil.rmtree(parts)

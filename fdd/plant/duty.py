@@ -17,7 +17,7 @@ from scipy.signal import butter, sosfilt
 
 from fdd.errors import InputError
 from fdd.plant.programme import AnyProgramme, Programme
-from fdd.plant.validated import Ranges, Validated
+from fdd.plant.validated import Ranges, Validated, named
 
 Array = NDArray[np.float64]
 
@@ -53,10 +53,14 @@ class Duty(Validated):
 
     def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
         """The set-point, (n,), m in position control and rad/s in speed control."""
-        rest = min(round(self.lead_in / TICK), n)
+        time = self.moving(n)
         shape = np.zeros(n)
-        shape[rest:] = self.shape(np.arange(n - rest, dtype=np.float64) * TICK, rng)
+        shape[n - time.size :] = self.shape(time, rng)
         return self.offset + self.amplitude * shape if position else self.speed * shape
+
+    def moving(self, n: int) -> Array:
+        """Seconds since the end of the rest, of those of n milliseconds that come after it."""
+        return np.arange(n - min(round(self.lead_in / TICK), n), dtype=np.float64) * TICK
 
 
 class Standstill(Duty):
@@ -242,19 +246,17 @@ class OneWay(Duty):
     """Strokes inwards instead."""
 
     def shape(self, time: Array, rng: np.random.Generator) -> Array:
-        corners, levels = self._corners(time)
-        return np.asarray(np.interp(time, corners, levels))
+        return np.asarray(np.interp(time, *self._corners(time)))
 
     def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
         if position:
             return super().setpoint(n, position, rng)
-        rest = min(round(self.lead_in / TICK), n)
-        time = np.arange(n - rest, dtype=np.float64) * TICK
+        time = self.moving(n)
         corners, levels = self._corners(time)
         slopes = np.diff(levels) / np.maximum(np.diff(corners), 1e-9)
         speeds = slopes / np.abs(slopes).max() * self.speed
         speeds = speeds[np.searchsorted(corners, time, side="right") - 1]
-        return np.concatenate([np.zeros(rest), speeds])
+        return np.concatenate([np.zeros(n - time.size), speeds])
 
     def _corners(self, time: Array) -> tuple[Array, Array]:
         """Corners of the position's shape: slowly to where the strokes begin, then strokes."""
@@ -299,8 +301,7 @@ class Levels(Duty):
         return self
 
     def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
-        rest = min(round(self.lead_in / TICK), n)
-        time = np.arange(n - rest, dtype=np.float64) * TICK
+        time = self.moving(n)
         if self.linear:
             levels = self.points.over(time)
         else:
@@ -308,7 +309,7 @@ class Levels(Duty):
             # Half a tick of grace: 0.3 s is the 300th millisecond, whatever the rounding.
             before = np.searchsorted(times, time + 0.5 * TICK, side="right") - 1
             levels = values[np.maximum(before, 0)]
-        return np.concatenate([np.zeros(rest), levels]) + (self.offset if position else 0.0)
+        return np.concatenate([np.zeros(n - time.size), levels]) + (self.offset if position else 0.0)
 
 
 class Replay(Duty):
@@ -398,7 +399,4 @@ def duty_named(name: str, **parameters: object) -> Duty:
     ------
     InputError : unknown name or parameter, value out of range.
     """
-    found = DUTIES.get(name)
-    if found is None:
-        raise InputError(f"unknown profile {name!r}", mend=f"use one of: {', '.join(DUTIES)}")
-    return found(**parameters)
+    return named(DUTIES, "profile", name)(**parameters)

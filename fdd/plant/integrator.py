@@ -159,8 +159,7 @@ def take_row(
     if by_heat.size > 0:
         warmer = (y[o + s.TEMPERATURE] - par.surroundings) / _HEATED
         blend(conditions[t, axis], by_heat[t, axis], c.BY_HEAT, warmer)
-    for j in range(c.COLUMNS):
-        now[axis, j] = conditions[t, axis, j]
+    now[axis] = conditions[t, axis]
     if (
         now[axis, c.AIR_1] != memory[at + _AIR_1]
         or now[axis, c.AIR_2] != memory[at + _AIR_2]
@@ -239,9 +238,7 @@ def run(
     states = np.empty((late.size, y.size))
     findings = np.empty((late.size, axes * s.FINDINGS))
     commands = np.zeros((depth + n, 2))  # with those of the past in front
-    for a in range(2):
-        for j in range(depth):
-            commands[j, a] = past[a, j]
+    commands[:depth] = past.T
     k = np.empty((STAGES, y.size))
     stage = np.empty(y.size)
     found = np.empty(axes * s.FINDINGS)
@@ -258,12 +255,9 @@ def run(
         m = depth + t
         commands[m, 0] = _command(y[s.X], now[0], control, memory)
         if axes > 1:
-            if control.follows == SAME:
-                wanted = commands[m, 0]
-            elif control.follows == OWN:
+            wanted = commands[m, 0] if control.follows == SAME else 0.0
+            if control.follows == OWN:
                 wanted = now[1, c.SETPOINT]
-            else:
-                wanted = 0.0
             commands[m, 1] = min(max(wanted, -control.max_speed_2), control.max_speed_2)
         taken = t * each
         at, sample = 0.0, late[taken] * (period / LATE_PARTS)
@@ -272,21 +266,15 @@ def run(
             command_2 = commands[m - whole_2 - (1 if at < part_2 else 0), 1]
             right_hand_side(y, command_1, command_2, now, first, second, k[0], found)
             if at == sample:
-                for i in range(y.size):
-                    states[taken, i] = y[i]
-                for i in range(found.size):
-                    findings[taken, i] = found[i]
+                states[taken], findings[taken] = y, found
                 taken += 1
                 ahead = taken - t * each
                 sample = ahead * period + late[taken] * (period / LATE_PARTS) if ahead < each else 0.0
             # Up to where a command arrives or a sample is taken.
             end = PERIOD
-            if at < part_1:
-                end = min(end, part_1)
-            if at < part_2:
-                end = min(end, part_2)
-            if at < sample:
-                end = min(end, sample)
+            for due in (part_1, part_2, sample):
+                if at < due < end:
+                    end = due
             length, tried = advance(
                 y, end - at, memory[_LENGTH], longest, command_1, command_2, now, first, second,
                 per_allowed, k, stage, found,
@@ -299,7 +287,5 @@ def run(
                 return states, findings, commands[depth:]
             memory[_LENGTH] = length
             at = end
-    for a in range(2):
-        for j in range(depth):
-            past[a, j] = commands[n + j, a]
+    past[:] = commands[n:].T
     return states, findings, commands[depth:]

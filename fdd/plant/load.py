@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.signal import butter, sosfilt
 
-from fdd.errors import InputError
 from fdd.plant.programme import AnyProgramme, Programme
-from fdd.plant.validated import Ranges, Validated
+from fdd.plant.validated import Ranges, Validated, named
 
 Array = NDArray[np.float64]
 
@@ -188,7 +187,4 @@ def load_named(name: str, **parameters: float) -> Load:
     ------
     InputError : unknown name or parameter, value out of range.
     """
-    found = LOADS.get(name)
-    if found is None:
-        raise InputError(f"unknown load {name!r}", mend=f"use one of: {', '.join(LOADS)}")
-    return found(**parameters)
+    return named(LOADS, "load", name)(**parameters)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, cont2discrete
 
 from fdd.errors import InputError
 from fdd.plant import conditions as c
@@ -209,32 +210,13 @@ def _controller(units: tuple[Unit, ...], scenario: Scenario) -> Constants:
 def chatter_filter(cutoff: float, period: float) -> tuple[float, float, float, float]:
     """b1, b2, a1 and a2 of the filter that takes the chatter out of a differentiated encoder (thesis 7.1.1).
 
-    A second-order Butterworth low-pass, discretised with a zero-order hold.
-
-    ``y[k] = b1·u[k-1] + b2·u[k-2] - a1·y[k-1] - a2·y[k-2]``, eqs 7.3 and 7.5. The thesis names
-    Tustin's rule (eq. 7.4), but that would give a term without delay; its printed coefficients,
-    4.39e-2, -1.514 and 0.61, are the hold's. Its 5.28e-2 is a misprint of 5.18e-2: only with that
-    does the filter pass a constant unchanged.
-
-    Parameters
-    ----------
-    cutoff : rad/s, where the gain is 1/√2; below π/period.
-    period : s.
-
-    Raises
-    ------
-    InputError : not positive, or a cut-off at or beyond the Nyquist frequency.
+    ``y[k] = b1·u[k-1] + b2·u[k-2] - a1·y[k-1] - a2·y[k-2]``, eqs 7.3 and 7.5: a second-order Butterworth
+    low-pass of `cutoff` (rad/s), discretised at `period` (s) with a zero-order hold. The thesis says Tustin's
+    rule (eq. 7.4), but that would give a term without delay; its printed coefficients, 4.39e-2, -1.514 and
+    0.61, are the hold's. Its 5.28e-2 is a misprint of 5.18e-2: only with that a constant passes unchanged.
     """
-    if not (cutoff > 0.0 and period > 0.0 and cutoff * period < math.pi):
-        raise InputError(
-            f"cut-off {cutoff:g} rad/s at a period of {period:g} s is not possible",
-            mend="use more than 0 and less than π/period",
-        )
-    # Poles at cutoff·(-1 ± i)/√2; step response 1 - exp(-a)·(cos a + sin a) after one period.
-    a = cutoff * period / math.sqrt(2.0)
-    fade, cosine, sine = math.exp(-a), math.cos(a), math.sin(a)
-    a1, a2 = -2.0 * fade * cosine, fade * fade
-    return 1.0 - fade * (cosine + sine), a2 + fade * (sine - cosine), a1, a2
+    top, bottom, _ = cont2discrete(butter(2, cutoff, analog=True), period, method="zoh")
+    return top[0, 1], top[0, 2], bottom[1], bottom[2]
 
 
 def _at_rest(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from collections.abc import Mapping
+from typing import Any, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -43,6 +44,16 @@ class Validated(BaseModel):
             return super().model_validate_json(*args, **options)
         except ValidationError as error:
             raise _told(cls, error) from None
+
+
+V = TypeVar("V", bound=Validated)
+
+
+def named(kinds: Mapping[str, type[V]], word: str, name: str) -> type[V]:
+    """The kind of that name; an `InputError` lists all there are, as `word` calls them."""
+    if name not in kinds:
+        raise InputError(f"unknown {word} {name!r}", mend=f"use one of: {', '.join(kinds)}")
+    return kinds[name]
 
 
 def _told(model: type[BaseModel], error: ValidationError) -> InputError:

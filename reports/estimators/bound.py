@@ -43,15 +43,10 @@ def eha_bound(
     the standard deviation ``Noise.force_mean``, and not by the single samples. Their further caution, such as
     noise that grows with the load's unrest, is not in the bound.
 
-    Parameters
-    ----------
-    truth : the run. model : parameter array. prior : initial spread and noise.
-    minimum : of all pressures the chambers' difference alone is measured.
-    rows : (k,) ascending, where the bound is wanted.
+    `truth`: the run. `model`: parameter array. `prior`: initial spread and noise. `minimum`: of all pressures
+    the chambers' difference alone is measured. `rows`: (k,) ascending, where the bound is wanted.
 
-    Returns
-    -------
-    (k, STATES) variances, model units.
+    Gives (k, STATES) variances, model units.
     """
     out = np.empty((rows.size, eha.STATES))
     _eha_bound(

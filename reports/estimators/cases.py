@@ -50,16 +50,8 @@ MINIMUM = ("position", "pump_speed", "pressure_difference")
 class Case:
     """One case.
 
-    Attributes
-    ----------
-    duty : of `MOTIONS`.
-    load : of `LOADS`.
-    minimum : whether the estimators have the `MINIMUM` of sensors instead of `ALL`.
-
-    Examples
-    --------
-    >>> Case("sines", "spring").name, Case("steps", "none", minimum=True).name
-    ('sines, spring, all', 'steps, none, minimum')
+    `duty`: of `MOTIONS`. `load`: of `LOADS`. `minimum`: whether the estimators have the `MINIMUM` of sensors
+    instead of `ALL`.
     """
 
     duty: str
@@ -104,10 +96,8 @@ TRACKED = (eha.LEAK, eha.AIR, eha.FRIC, eha.VISC)
 class Trajectory:
     """What really happened in a run.
 
-    Attributes
-    ----------
-    states : (n, STATES) in the units of `estimators.eha.model`, one row per sample.
-    accumulator : (n,) MPa. viscosity : (n,) over the reference's.
+    `states`: (n, STATES) in the units of `estimators.eha.model`, one row per sample. `accumulator`: (n,) MPa.
+    `viscosity`: (n,) over the reference's.
     """
 
     states: Array
@@ -120,14 +110,10 @@ def quantities(
 ) -> tuple[Array, Array]:
     """The tracked quantities and their standard deviations in SI, as `fdd.residuals.tracking.estimates`.
 
-    Parameters
-    ----------
-    states, variances : (n, STATES). viscosity : (n,).
-    unit, model : the profile that the estimators have, and its parameter array.
+    `states`, `variances`: (n, STATES). `viscosity`: (n,). `unit`, `model`: the profile that the estimators
+    have, and its parameter array.
 
-    Returns
-    -------
-    values, stds : (4, n) each, in the order of `QUANTITIES`.
+    Gives `values`, `stds`: (4, n) each, in the order of `QUANTITIES`.
     """
     records = np.zeros(states.shape[0], layout.RECORD)
     records["state"], records["variance"], records["viscosity"] = states, variances, viscosity

@@ -35,8 +35,6 @@ ATMOSPHERE = 0.101325
 class Window:
     """Signals of one window, (n,) each, in the model's units.
 
-    Attributes
-    ----------
     position (mm), angle (rad), pressure_1, pressure_2, accumulator (MPa), period (ms).
     """
 
@@ -61,15 +59,11 @@ def fit_balance(
 ) -> tuple[float, float]:
     """Leakage and free air that fit a window best.
 
-    Parameters
-    ----------
-    window : signals. q : parameter array of `estimators.eha.model.parameters`.
-    relief : MPa of difference from which the relief valves may open: left out too.
-    sealed : no chamber is ever fed; else stretches near the accumulator's pressure are left out.
+    `window`: signals. `q`: parameter array of `estimators.eha.model.parameters`. `relief`: MPa of difference
+    from which the relief valves may open: left out too. `sealed`: no chamber is ever fed; else stretches near
+    the accumulator's pressure are left out.
 
-    Returns
-    -------
-    leakage over the healthy one, and free air in ‰; NaN where the window tells nothing.
+    Gives leakage over the healthy one, and free air in ‰; NaN where the window tells nothing.
     """
     area = 0.5 * (q.area_1 + q.area_2)
     drop = window.pressure_1 - window.pressure_2

@@ -92,17 +92,11 @@ def draw(
 ) -> tuple[Trajectory, Array]:  # fmt: skip
     """Draw one run.
 
-    Parameters
-    ----------
-    case : its duty and load; loads take the parts of the model that are theirs, drawn from the prior.
-    duration : s. model : parameter array of the unit.
-    prior : what the filter assumes.
-    jump : of one parameter, beside its walk.
+    `case`: its duty and load; loads take the parts of the model that are theirs, drawn from the prior.
+    `duration`: s. `model`: parameter array of the unit. `prior`: what the filter assumes. `jump`: of one
+    parameter, beside its walk.
 
-    Returns
-    -------
-    truth : the run.
-    block : (n, 9) what the estimators are given.
+    Gives `truth`: the run. `block`: (n, 9) what the estimators are given.
     """
     n = round(duration * 1e3)
     position = position_of(case.duty, n, rng) * 1e3

@@ -55,12 +55,10 @@ class Sizes(NamedTuple):
 class Assumed:
     """What the filter assumes before any data, model units.
 
-    Attributes
-    ----------
-    start, spread : (STATES,) its first estimate and standard deviations; wide for the motion states.
-    walk : (STATES,) standard deviation of each state's noise over one second.
-    pull : (STATES,) 1/s, rate at which it is drawn back to its start: a walk never gets less certain than the
-        initial spread, which is the variance of an Ornstein-Uhlenbeck process with the rate q²/2σ₀².
+    `start`, `spread`: (STATES,) its first estimate and standard deviations; wide for the motion states.
+    `walk`: (STATES,) standard deviation of each state's noise over one second. `pull`: (STATES,) 1/s, rate at
+    which it is drawn back to its start: a walk never gets less certain than the initial spread, which is the
+    variance of an Ornstein-Uhlenbeck process with the rate q²/2σ₀².
     """
 
     start: Array
@@ -71,16 +69,7 @@ class Assumed:
 
 
 def assumed(tracker: EhaTracker) -> Assumed:
-    """What a tracker that has seen no data assumes.
-
-    Examples
-    --------
-    >>> from fdd.residuals.tracking import Channels, Tracking
-    >>> from fdd.unit import Unit
-    >>> tracker = Tracking(Unit.load("axis_a"), Channels(("position",)), 1e-3).trackers["ekf"]
-    >>> float(assumed(tracker).start[eha.LEAK])
-    1.0
-    """
+    """What a tracker that has seen no data assumes."""
     noise = tracker.noise
     spread = np.sqrt(np.diag(tracker.P))
     spread[: eha.P2 + 1] = MOTION_SPREAD
@@ -146,9 +135,7 @@ def tested_channels(
     chamber that the accumulator may feed. With the minimum of sensors one chamber always is, so that the
     pressure difference tells nothing either.
 
-    Parameters
-    ----------
-    states : (n, STATES) true. accumulator : (n,) MPa. sizes : of `Assumed`.
+    `states`: (n, STATES) true. `accumulator`: (n,) MPa. `sizes`: of `Assumed`.
     """
     encoders = float(sizes.force < 10.0 * sizes.position) + float(sizes.acceleration < 10.0 * sizes.angle)
     pressures = 1.0 if minimum else 2.0
@@ -174,9 +161,7 @@ def encoders_share(states: Array, sizes: Sizes) -> float:
     Their innovation is the true change of velocity or speed within a millisecond, its variance that of the
     noise of motion.
 
-    Parameters
-    ----------
-    states : (n, STATES) true, model units. sizes : of `Assumed`.
+    `states`: (n, STATES) true, model units. `sizes`: of `Assumed`.
     """
     share = 0.0
     if sizes.force >= 10.0 * sizes.position:

@@ -96,9 +96,7 @@ def run_peer(
 
     The block is as the tracker takes it, without gaps; rows (k,) are ascending.
 
-    Returns
-    -------
-    states, variances : (k, STATES); NaN from where the peer's covariance was lost.
+    Gives `states`, `variances`: (k, STATES); NaN from where the peer's covariance was lost.
     """
     from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 

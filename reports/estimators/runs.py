@@ -70,10 +70,8 @@ PEER_DURATION = 8.0
 class Data:
     """One run before any filter has seen it.
 
-    Attributes
-    ----------
-    unit : the profile that the filters have. tracking : both filters, untouched. prior : what they assume.
-    block : (n, 9) their input. truth : what really was.
+    `unit`: the profile that the filters have. `tracking`: both filters, untouched. `prior`: what they assume.
+    `block`: (n, 9) their input. `truth`: what really was.
     """
 
     unit: Unit
@@ -192,13 +190,11 @@ def rows_of(method: str, **each: Array) -> pd.DataFrame:
 def evaluate(case: Case, data: Data) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Run both filters, the bound and least squares over one run's data.
 
-    Returns
-    -------
-    errors : a row for each method, quantity and check: truth, bound (standard deviation), error (estimate
-        less truth), std (claimed), flag (whether the filter calls it observable), fitted (error of least
-        squares, NaN for friction); SI.
-    consistency : a row for each method: nees of the four parameters at the end, their errors in sigmas, nis
-        (mean over its expectation) and its band; NaN where no channel can be tested.
+    Gives `errors`: a row for each method, quantity and check: truth, bound (standard deviation), error
+    (estimate less truth), std (claimed), flag (whether the filter calls it observable), fitted (error of
+    least squares, NaN for friction); SI. `consistency`: a row for each method: nees of the four parameters at
+    the end, their errors in sigmas, nis (mean over its expectation) and its band; NaN where no channel can be
+    tested.
     """
     truth, model, decimation = data.truth, data.tracking.model, data.tracking.trackers["ekf"].decimation
     n = truth.states.shape[0]
@@ -279,13 +275,6 @@ def correlation_time(series: Array) -> float:
 
     A mean over n samples is worth n over this many independent ones. The sum ends where the lag is five times
     what it has come to (Sokal 1997, doi 10.1007/978-1-4899-0319-8_6), since beyond it only noise is added.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(0)
-    >>> white = rng.standard_normal(40_000)
-    >>> round(correlation_time(white)), round(correlation_time(np.convolve(white, np.ones(4))))
-    (1, 4)
     """
     if not np.isfinite(series).all():
         return 1.0
@@ -301,10 +290,8 @@ def correlation_time(series: Array) -> float:
 def nis_of_run(series: Array, decimation: int, channels: float, driven: float = 0.0) -> tuple[float, ...]:
     """Mean NIS of a run over its expectation, with the band that 95 % of consistent runs fall in.
 
-    Parameters
-    ----------
-    series : (n,) of the records, each a mean over `decimation` samples.
-    channels : degrees of freedom of a sample, `tested_channels`; driven : what the others add.
+    `series`: (n,) of the records, each a mean over `decimation` samples. `channels`: degrees of freedom of a
+    sample, `tested_channels`; driven : what the others add.
     """
     if channels < LEAST_TESTED:
         return float("nan"), float("nan"), float("nan")
@@ -318,10 +305,8 @@ def step_run(world: str, quantity: str, seed: tuple[int, ...]) -> pd.DataFrame:
 
     The change is that of the truth. Before it counts what the filter estimates there, right or wrong.
 
-    Returns
-    -------
-    A row for each method: half (s until half of the change is followed, infinite where it never was) and
-    response, (len(GRID),) share of the change that is followed.
+    Gives a row for each method: half (s until half of the change is followed, infinite where it never was)
+    and response, (len(GRID),) share of the change that is followed.
     """
     data = prepare(world, STEP_CASE, seed, ONSET + AFTER, quantity)
     model, row = data.tracking.model, round(ONSET * 1e3)

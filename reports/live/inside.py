@@ -67,11 +67,8 @@ def messages(log: Samples) -> list[bytes]:
 class Inside:
     """Processor time of one thread, µs a sample.
 
-    Attributes
-    ----------
-    axes, seconds : of the run.
-    whole : message to finding, median of the runs. alone : the pipeline by itself.
-    axis_bytes : memory that an axis takes after `aged_s` s of data.
+    `axes`, `seconds`: of the run. `whole`: message to finding, median of the runs. `alone`: the pipeline by
+    itself. `axis_bytes`: memory that an axis takes after `aged_s` s of data.
     """
 
     axes: int

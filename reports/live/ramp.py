@@ -33,15 +33,12 @@ GOLDEN = 0.618034
 class Stage:
     """What was measured with a number of axes.
 
-    Attributes
-    ----------
-    cpu_us : µs of processor time a sample, of the whole process.
-    busy : share of its core that the service had.
-    lag, lag_99 : s from the sending of a look's last sample until the look was told; median and 99 %.
-    findings : of the leaking axes, that came while it was measured. finding_lag : s, the latest of them.
-    dropped : samples that were sent and are in no diagnosis. behind : s of data that were not worked at the
-        end, mean of the axes. late : s, 99 % of how late the publisher itself was.
-    rss : bytes at the end. rss_growth : bytes a second over the stage's second half.
+    `cpu_us`: µs of processor time a sample, of the whole process. `busy`: share of its core that the service
+    had. `lag`, `lag_99`: s from the sending of a look's last sample until the look was told; median and 99 %.
+    `findings`: of the leaking axes, that came while it was measured. `finding_lag`: s, the latest of them.
+    `dropped`: samples that were sent and are in no diagnosis. `behind`: s of data that were not worked at the
+    end, mean of the axes. `late`: s, 99 % of how late the publisher itself was. `rss`: bytes at the end.
+    `rss_growth`: bytes a second over the stage's second half.
     """
 
     axes: int

@@ -57,10 +57,8 @@ class Day:
 class Life:
     """What became of an axis.
 
-    Attributes
-    ----------
-    hours : in motion. alarms : day, fault and severity told, of each that was raised. restarts : clean
-        ones, and kills.
+    `hours`: in motion. `alarms`: day, fault and severity told, of each that was raised. `restarts`: clean
+    ones, and kills.
     """
 
     wears: bool

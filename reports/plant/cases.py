@@ -23,11 +23,8 @@ Array = NDArray[np.float64]
 class Case:
     """A run that is measured.
 
-    Attributes
-    ----------
-    name : as reports show it.
-    unit, partner : the second one where the scenario has a partner.
-    settings : of the scenario, beside its duration.
+    `name`: as reports show it. `unit`, `partner`: the second one where the scenario has a partner.
+    `settings`: of the scenario, beside its duration.
     """
 
     name: str

@@ -44,12 +44,9 @@ def lobatto(n: int) -> tuple[Array, Array]:
 class FineRun:
     """What the plant went through: m milliseconds of k nodes.
 
-    Attributes
-    ----------
-    ready : the prepared scenario (its state is not touched).
-    states, slopes, found : (m, k, …) as the right-hand side takes and gives them.
-    rows : (m, axes, COLUMNS) conditions as the loop held them: at the present temperature, faults included.
-    weights : (k,) s.
+    `ready`: the prepared scenario (its state is not touched). `states`, `slopes`, `found`: (m, k, …) as the
+    right-hand side takes and gives them. `rows`: (m, axes, COLUMNS) conditions as the loop held them: at the
+    present temperature, faults included. `weights`: (k,) s.
     """
 
     ready: Prepared
@@ -114,10 +111,8 @@ def fine_run(
 class Fluid:
     """Oil at given temperatures, with given free air in it.
 
-    Attributes
-    ----------
-    oil : its data. warm : (…) K above its reference temperature. free : (…) volume of free air over oil.
-    vapour : (…) vapour pressure over sound oil's. ambient : Pa.
+    `oil`: its data. `warm`: (…) K above its reference temperature. `free`: (…) volume of free air over oil.
+    `vapour`: (…) vapour pressure over sound oil's. `ambient`: Pa.
     """
 
     oil: Oil
@@ -176,9 +171,7 @@ class Fluid:
 class Energies:
     """Of a run: energies (J) and powers (W) at each node, (m, k).
 
-    Attributes
-    ----------
-    stored, supplied : by name. lost : powers that only dissipate, by name.
+    `stored`, `supplied`: by name. `lost`: powers that only dissipate, by name.
     """
 
     stored: dict[str, Array] = field(default_factory=dict)

@@ -43,16 +43,11 @@ def integrate(
 ) -> tuple[Array, int]:
     """Run a case by a `method` of `scipy.integrate.solve_ivp`.
 
-    Parameters
-    ----------
-    commands : (n, 2) rad/s, what the controllers asked for each millisecond; they act one later.
-    atol_factor : absolute tolerances over `fdd.plant.steps.tolerances`.
-    duration : s.
+    `commands`: (n, 2) rad/s, what the controllers asked for each millisecond; they act one later.
+    `atol_factor`: absolute tolerances over `fdd.plant.steps.tolerances`. `duration`: s.
 
-    Returns
-    -------
-    states (n, …) at the start of every millisecond, fewer where the solver gave up, and evaluations of the
-    right-hand side.
+    Gives states (n, …) at the start of every millisecond, fewer where the solver gave up, and evaluations of
+    the right-hand side.
     """
     ready = case.prepared(duration)
     assert all(unit.drive.delay == PERIOD for unit in ready.units)
@@ -128,10 +123,8 @@ def work_precision(case: Case, duration: float, repeats: int) -> tuple[list[Work
     The case's commands do not hang on its states, so that all solve the same problem. The median of the
     repeats counts; the peers have three at most.
 
-    Returns
-    -------
-    points, and the rms of the pressure difference (Pa) between the reference and the tightest Radau: how far
-    the reference is to be trusted.
+    Gives points, and the rms of the pressure difference (Pa) between the reference and the tightest Radau:
+    how far the reference is to be trusted.
     """
     reference, commands = case.states(duration, REFERENCE_REFINEMENT)
 
@@ -163,13 +156,7 @@ def work_precision(case: Case, duration: float, repeats: int) -> tuple[list[Work
 
 
 def unseen(unit: Unit, channel: str) -> float:
-    """What a sensor cannot see (SI): rms of its noise and of its rounding.
-
-    Examples
-    --------
-    >>> round(unseen(Unit.load("axis_a"), "position") * 1e9)
-    289
-    """
+    """What a sensor cannot see (SI): rms of its noise and of its rounding."""
     sensor = unit.sensor(channel)
     return float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12.0)))
 

@@ -30,10 +30,8 @@ _ATTEMPTS = 100
 class Wild:
     """A scenario that may be run, and how often the rig's rules refused one before.
 
-    Attributes
-    ----------
-    unit, partner, scenario : as `fdd.plant.simulate.simulate` takes them.
-    refused : draws before this one.
+    `unit`, `partner`, `scenario`: as `fdd.plant.simulate.simulate` takes them. `refused`: draws before this
+    one.
     """
 
     unit: Unit
@@ -49,19 +47,9 @@ class Wild:
 def draw_wild(seed: int, duration: float = 4.0) -> Wild:
     """Draw scenario `seed`: unit, details, duty, load, faults alone and together, valves, second axis.
 
-    Parameters
-    ----------
-    seed : fixes everything.
-    duration : s.
+    `seed`: fixes everything. `duration`: s.
 
-    Raises
-    ------
-    RuntimeError : a hundred draws were refused.
-
-    Examples
-    --------
-    >>> draw_wild(3).scenario == draw_wild(3).scenario
-    True
+    Raises `RuntimeError`: a hundred draws were refused.
     """
     rng = np.random.default_rng([2026, seed])
     recipe = Recipe(schema="fdd.recipe/1", healthy_share=1.0, area_mismatch=0.05)
@@ -203,16 +191,11 @@ ENERGY, GIVE = 1e-5, 1e-3
 class Outcome:
     """What one wild run came to.
 
-    Attributes
-    ----------
-    seed : of `draw_wild`.
-    failures : a sentence for everything outside physics; empty is well.
-    lowest_pressure : Pa, absolute, of any chamber or line.
-    beyond_stop : m that the piston went past its stroke.
-    oil, energy : most that oil and energy departed from what came and went, over all oil and over all energy
-        that went through.
-    steps : of the integrator for each millisecond.
-    refused : draws that the rig's rules refused before.
+    `seed`: of `draw_wild`. `failures`: a sentence for everything outside physics; empty is well.
+    `lowest_pressure`: Pa, absolute, of any chamber or line. `beyond_stop`: m that the piston went past its
+    stroke. `oil`, `energy`: most that oil and energy departed from what came and went, over all oil and over
+    all energy that went through. `steps`: of the integrator for each millisecond. `refused`: draws that the
+    rig's rules refused before.
     """
 
     seed: int
@@ -226,13 +209,7 @@ class Outcome:
 
 
 def try_wild(seed: int, duration: float = 4.0) -> Outcome:
-    """Run one wild scenario and check it.
-
-    Examples
-    --------
-    >>> try_wild(1, duration=0.5).failures
-    []
-    """
+    """Run one wild scenario and check it."""
     wild = draw_wild(seed, duration)
     ready = wild.prepared()
     try:

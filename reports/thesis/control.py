@@ -50,14 +50,7 @@ MOST = 1e6
 def discrete_filter(method: str) -> tuple[Array, Array]:
     """Second-order Butterworth filter of 350 rad/s at 1 kHz: numerator and denominator, (3,) each.
 
-    Parameters
-    ----------
-    method : ``zoh`` or ``bilinear`` (Tustin's rule).
-
-    Examples
-    --------
-    >>> [round(float(x), 4) for x in (*discrete_filter("zoh")[0][1:], *discrete_filter("zoh")[1][1:])]
-    [0.0518, 0.0439, -1.5139, 0.6096]
+    `method`: ``zoh`` or ``bilinear`` (Tustin's rule).
     """
     top, bottom, _ = cont2discrete(butter(2, CUTOFF, analog=True), PERIOD, method=method)
     return np.ravel(top), np.asarray(bottom)
@@ -78,10 +71,8 @@ def chatter_filter(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
 class Steps:
     """Trials of one direction.
 
-    Attributes
-    ----------
-    time, position, velocity : (n,) of the first trial: s since the step, m and m/s (filtered) along it.
-    plateau, duration, error : (trials,) saturated velocity (m/s), for how long (s), final error (m).
+    `time`, `position`, `velocity`: (n,) of the first trial: s since the step, m and m/s (filtered) along it.
+    `plateau`, `duration`, `error`: (trials,) saturated velocity (m/s), for how long (s), final error (m).
     """
 
     time: Array
@@ -177,15 +168,6 @@ def linear_ultimate_gain(model: TransferFunction) -> float:
     """Proportional gain at which the loop around ``model/s`` is on the verge, (rad/s)/m.
 
     Where velocity over demanded speed lags 90°, and the integrator the other 90°.
-
-    Examples
-    --------
-    >>> lag = TransferFunction((1.0,), (1.0, 1.0), 0.0)   # K/(s(s+1)) never oscillates
-    >>> linear_ultimate_gain(lag)
-    nan
-    >>> delay = TransferFunction((1.0,), (1.0, 1e9), 0.25)
-    >>> round(linear_ultimate_gain(delay) * 1e-9, 2)   # K·exp(-s/4)/s: K = 2π
-    6.28
     """
     frequency = np.geomspace(0.05, 400.0, 40_001)
     response = model.at(frequency) / np.sign(model.gain)

@@ -189,11 +189,8 @@ def pressurise(unit: Unit, charge: float, seed: int, air: float = 0.0) -> tuple[
 def equation_5_20(oil: Oil, stiff: float, air: float, pressure: Array) -> Array:
     """Eq. 5.20 with the oil's polytropic index m where it prints n, (…) Pa.
 
-    Parameters
-    ----------
-    stiff : Pa, bulk modulus β0 of the oil alone.
-    air : δ, volume of air at atmospheric pressure over that of oil.
-    pressure : (…) Pa, gauge.
+    `stiff`: Pa, bulk modulus β0 of the oil alone. `air`: δ, volume of air at atmospheric pressure over that
+    of oil. `pressure`: (…) Pa, gauge.
     """
     absolute = pressure + ATMOSPHERE_PA
     m = oil.polytropic_index

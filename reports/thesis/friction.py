@@ -23,11 +23,8 @@ Array = NDArray[np.float64]
 class Mode:
     """One of the thesis's operating modes.
 
-    Attributes
-    ----------
-    axis, sign : A or B, and 1 forward or -1 reverse.
-    static, spread : Table 5.1, mean and standard deviation (N).
-    branch : Table 5.2 with eqs 5.15 to 5.18; Table 5.3 contradicts it for all but A forward.
+    `axis`, `sign`: A or B, and 1 forward or -1 reverse. `static`, `spread`: Table 5.1, mean and standard
+    deviation (N). `branch`: Table 5.2 with eqs 5.15 to 5.18; Table 5.3 contradicts it for all but A forward.
     """
 
     axis: str
@@ -77,10 +74,8 @@ _LATE = Details(friction_memory=0.04)
 def drive_both(mode: Mode, units: dict[str, Unit], speed: Array, seed: int, details: Details) -> Simulation:
     """Drive one cylinder in one direction by both pumps, without load, from near the stroke's end.
 
-    Parameters
-    ----------
-    units : A and B. speed : (n,) rad/s, magnitude commanded of both pumps. seed : of the trial.
-    details : for one pump; its dry friction is doubled.
+    `units`: A and B. `speed`: (n,) rad/s, magnitude commanded of both pumps. `seed`: of the trial. `details`:
+    for one pump; its dry friction is doubled.
     """
     other = "B" if mode.axis == "A" else "A"
     driven = both_pumps(units[mode.axis], units[other])

@@ -46,20 +46,10 @@ READING = 0.05
 class Row:
     """One number of the thesis beside the plant's.
 
-    Attributes
-    ----------
-    what, where : quantity, and section, equation or table of the thesis.
-    thesis, plant : values in `unit`.
-    unit : as it is to be shown.
-    tolerance : allowed distance in `unit`; None for `READING` of the thesis's value.
-    why : the reason, shown where the row does not meet.
-    note : what a reader must know in any case; may be empty.
-    digits : significant ones to show.
-
-    Examples
-    --------
-    >>> Row("gain", "5.1", 2.0, 2.05, "m").verdict, Row("gain", "5.1", 2.0, 2.2, "m").deviation
-    ('meets', '+10.0 %')
+    `what`, `where`: quantity, and section, equation or table of the thesis. `thesis`, `plant`: values in
+    `unit`. `unit`: as it is to be shown. `tolerance`: allowed distance in `unit`; None for `READING` of the
+    thesis's value. `why`: the reason, shown where the row does not meet. `note`: what a reader must know in
+    any case; may be empty. `digits`: significant ones to show.
     """
 
     what: str
@@ -107,13 +97,7 @@ class Row:
 
 
 def number_text(number: float, digits: int = 3) -> str:
-    """A number with its significant digits, without an exponent where it reads well, never ``-0``.
-
-    Examples
-    --------
-    >>> number_text(33750.0), number_text(0.00110, 2), number_text(3.6e-12), number_text(105.64)
-    ('33800', '0.0011', '3.6e-12', '106')
-    """
+    """A number with its significant digits, without an exponent where it reads well, never ``-0``."""
     if number != number:
         return "none"
     if number == 0.0:
@@ -174,13 +158,7 @@ def _met(rows: list[Row]) -> int:
 
 
 def anchor(title: str) -> str:
-    """A heading's anchor as Markdown readers make it.
-
-    Examples
-    --------
-    >>> anchor("Whole actuator, low speed")
-    'whole-actuator-low-speed'
-    """
+    """A heading's anchor as Markdown readers make it."""
     return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
 
 

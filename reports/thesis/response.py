@@ -54,13 +54,9 @@ _LATE = 8e-3
 class Region:
     """A working region of section 6.4.
 
-    Attributes
-    ----------
-    name, mean : and the mean command (V).
-    equation, thesis : its model in the thesis, and where.
-    bandwidth, pair, single : Hz and 1/s, as the thesis prints them.
-    seconds : of the test signal; at speed the stroke ends it.
-    start : m from mid-stroke.
+    `name`, `mean`: and the mean command (V). `equation`, `thesis`: its model in the thesis, and where.
+    `bandwidth`, `pair`, `single`: Hz and 1/s, as the thesis prints them. `seconds`: of the test signal; at
+    speed the stroke ends it. `start`: m from mid-stroke.
     """
 
     name: str
@@ -139,14 +135,7 @@ def respond(
 
 
 def split_poles(model: TransferFunction) -> tuple[complex, float]:
-    """The complex pair's upper pole and the real one; of three real ones the two fastest are the pair.
-
-    Examples
-    --------
-    >>> pair, single = split_poles(LOW)
-    >>> round(pair.real, 1), round(pair.imag, 1), round(single)
-    (-44.5, 98.3, -56)
-    """
+    """The complex pair's upper pole and the real one; of three real ones the two fastest are the pair."""
     poles = model.poles
     if np.any(np.abs(poles.imag) > 1e-6):
         return complex(poles[poles.imag > 1e-6][0]), float(poles[np.abs(poles.imag) <= 1e-6][0].real)

@@ -39,18 +39,10 @@ def run_speed(
 ) -> Simulation:  # fmt: skip
     """Drive the pump with a commanded speed, without feedback of position.
 
-    Parameters
-    ----------
-    unit : the axis.
-    command : (n,) rad/s, one value a millisecond.
-    start : m from mid-stroke.
-    partner : None leaves the cylinder alone.
-    seed : draws the trial: friction, noise.
-    scenario : what else of it.
+    `unit`: the axis. `command`: (n,) rad/s, one value a millisecond. `start`: m from mid-stroke. `partner`:
+    None leaves the cylinder alone. `seed`: draws the trial: friction, noise. `scenario`: what else of it.
 
-    Raises
-    ------
-    InputError : `start` is outside the stroke.
+    Raises `InputError`: `start` is outside the stroke.
     """
     whole = Scenario(
         unit=unit.name,
@@ -81,10 +73,8 @@ def throttled_partner(unit: Unit, partner: Unit, pressure: float) -> Beside:
     The throttle closes from fully open within two seconds: against a closed one the piston's start would
     overshoot and open the relief valve, which shuts again only below the pressures of section 5.2.
 
-    Parameters
-    ----------
-    unit, partner : the driving axis and the other.
-    pressure : Pa over the throttle while the driving pump turns at 100 rad/s without leakage.
+    `unit`, `partner`: the driving axis and the other. `pressure`: Pa over the throttle while the driving pump
+    turns at 100 rad/s without leakage.
     """
     flow = 100.0 * unit.pump.displacement * partner.cylinder.area_1 / unit.cylinder.area_1
     opening = flow / (Circuit().throttle_flow * math.sqrt(1e-6 * pressure))
@@ -162,13 +152,7 @@ def holding_leakage(unit: Unit) -> float:
 
 
 def chirp(seconds: float, low_hz: float, high_hz: float) -> Array:
-    """A sine of amplitude 1 whose frequency rises evenly from `low_hz` to `high_hz`, (n,).
-
-    Examples
-    --------
-    >>> chirp(1.0, 1.0, 1.0)[250].round(6)
-    np.float64(1.0)
-    """
+    """A sine of amplitude 1 whose frequency rises evenly from `low_hz` to `high_hz`, (n,)."""
     time = np.arange(round(seconds / PERIOD)) * PERIOD
     return np.asarray(np.sin(2.0 * np.pi * (low_hz + 0.5 * (high_hz - low_hz) * time / seconds) * time))
 

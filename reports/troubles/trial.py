@@ -104,10 +104,8 @@ def process_in(folder: Path, sources: list[dict[str, Any]]) -> Process:
 class Outcome:
     """What became of one trouble.
 
-    Attributes
-    ----------
-    said : by the service while it lasted. sent, accepted, lost : samples.
-    wrong : what is not as it should be; empty where all is.
+    `said`: by the service while it lasted. `sent`, `accepted`, `lost`: samples. `wrong`: what is not as it
+    should be; empty where all is.
     """
 
     tried: str
@@ -123,10 +121,8 @@ class Outcome:
 class Trouble:
     """What is tried.
 
-    Attributes
-    ----------
-    words : of the line that `/api/health` must say meanwhile, None where all goes on as before.
-    change : of the blocks, where the sender is at fault. disk : MiB of a disk of its own (root alone).
+    `words`: of the line that `/api/health` must say meanwhile, None where all goes on as before. `change`: of
+    the blocks, where the sender is at fault. `disk`: MiB of a disk of its own (root alone).
     """
 
     tried: str

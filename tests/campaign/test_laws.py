@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from test_generate import small
+from test_generate import contents, small
 from test_train_validate import drawn, finding, label, outcome
 
 from fdd.campaign.card import card
@@ -99,11 +99,7 @@ def test_labels_truth_table_and_card_carry_law_and_course(tmp_path: Path) -> Non
     plain = data.logs[0].faults[0].model_dump()
     del plain["law"]
     assert Label(**plain).law is None, "labels of before the laws"
-    assert contents_of(generate(recipe, tmp_path / "again")) == contents_of(data.directory)
-
-
-def contents_of(directory: Path) -> list[bytes]:
-    return [p.read_bytes() for p in sorted(directory.rglob("*")) if p.is_file()]
+    assert contents(generate(recipe, tmp_path / "again")) == contents(data.directory)
 
 
 def test_a_relief_valve_whose_setting_fell_may_relieve() -> None:

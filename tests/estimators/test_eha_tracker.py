@@ -54,8 +54,9 @@ def axis(
     )
 
 
+@cache
 def tracked(samples: Samples) -> Tracked:
-    """Both filters over all samples."""
+    """Both filters over all samples, once for the tests of either."""
     both = Tracked(unit(), keep=True)
     both.push(samples)
     return both

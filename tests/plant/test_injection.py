@@ -125,37 +125,36 @@ def test_the_catalogues_figures_are_the_scales_defaults() -> None:
         text = CATALOGUE[name].severity
         return [float(f) for f in re.findall(r"(?<![\w^])[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?", text)]
 
-    assert figures("internal_leakage")[:1] == [scales.internal_leakage]
-    assert figures("external_leakage")[:1] == [scales.external_leakage]
-    loss, ripple = scales.pump_wear_displacement_loss, scales.pump_wear_ripple
-    assert figures("pump_wear") == [scales.pump_wear_leakage, 100.0, -100.0 * loss, 100.0 * ripple]
-    assert figures("case_drain_seal_failure")[:1] == [scales.case_leakage]
-    flow = scales.shaft_leakage_flow * 60e6
-    assert figures("shaft_seal_wear") == pytest.approx([flow, scales.shaft_leakage_pressure / 1e3])
-    loose, tight = 100.0 * scales.loose_friction, 100.0 * scales.tight_friction
-    assert figures("seal_wear") == [loose, scales.loose_rod_leakage, tight]
-    assert figures("aeration")[:1] == [100.0 * scales.free_air]
-    assert figures("check_valve_stuck_open")[:1] == [scales.check_valve_flow]
-    assert figures("relief_valve_stuck_open")[:1] == [scales.relief_valve_flow]
-    thin, thick = 100.0 * scales.thin_viscosity, 100.0 * scales.thick_viscosity
-    wet = [scales.wet_vapour, 100.0 * scales.wet_viscosity]
-    assert figures("oil_degradation") == [thin, thick, *wet]
-    assert figures("check_valve_clogged") == pytest.approx([100.0 * 10.0**-scales.check_valve_clogging])
-    assert figures("relief_valve_stuck_shut") == [100.0 * scales.relief_flow_loss]
+    at_first = {  # the words go on with other figures
+        "internal_leakage": scales.internal_leakage, "external_leakage": scales.external_leakage,
+        "case_drain_seal_failure": scales.case_leakage, "aeration": 100.0 * scales.free_air,
+        "check_valve_stuck_open": scales.check_valve_flow,
+        "relief_valve_stuck_open": scales.relief_valve_flow,
+    }  # fmt: skip
+    assert {name: figures(name)[0] for name in at_first} == at_first
+    for name, expected in {
+        "pump_wear": [scales.pump_wear_leakage, 100.0, -100.0 * scales.pump_wear_displacement_loss,
+                      100.0 * scales.pump_wear_ripple],
+        "shaft_seal_wear": [scales.shaft_leakage_flow * 60e6, scales.shaft_leakage_pressure / 1e3],
+        "seal_wear": [100.0 * scales.loose_friction, scales.loose_rod_leakage, 100.0 * scales.tight_friction],
+        "oil_degradation": [100.0 * scales.thin_viscosity, 100.0 * scales.thick_viscosity, scales.wet_vapour,
+                            100.0 * scales.wet_viscosity],
+        "check_valve_clogged": [100.0 * 10.0**-scales.check_valve_clogging],
+        "relief_valve_stuck_shut": [100.0 * scales.relief_flow_loss],
+        "drive_failure": [100.0 * scales.drive_current_loss, -50.0 * scales.drive_current_loss],
+        "motor_degradation": [-100.0 * scales.torque_loss, 100.0 * scales.resistance_gain,
+                              -100.0 * scales.current_limit_loss],
+        "coupling_wear": [np.rad2deg(scales.coupling_play), 100.0 * scales.coupling_eccentricity],
+    }.items():  # fmt: skip
+        assert figures(name) == pytest.approx(expected, rel=1e-3 if name == "coupling_wear" else 1e-9), name
+    # Those that the words of a law give.
     assert (
         "three times" in CATALOGUE["relief_valve_stuck_shut"].severity and scales.relief_setting_gain == 2.0
     )
-    assert figures("drive_failure") == [100.0 * scales.drive_current_loss, -50.0 * scales.drive_current_loss]
-    # Those that the words of a law give.
     assert scales.leakage_pressure == 1e6 and scales.pump_wear_worn_out == 0.1 and scales.open_phase == 1.0
     assert scales.check_valve_cracking == pytest.approx(UNIT.accumulator.charge_pressure, rel=0.01)
     assert scales.check_valve_sticking == 8e5 and scales.relief_setting_loss == 0.9
     assert 100.0 * scales.shorted_braking == pytest.approx(0.2), "N·m at 100 rad/s"
-    assert figures("motor_degradation") == [
-        -100.0 * scales.torque_loss, 100.0 * scales.resistance_gain, -100.0 * scales.current_limit_loss,
-    ]  # fmt: skip
-    play, swing = np.rad2deg(scales.coupling_play), 100.0 * scales.coupling_eccentricity
-    assert figures("coupling_wear") == pytest.approx([play, swing], rel=1e-3)
 
 
 # Together, on two axes, and in stretches.

@@ -90,16 +90,6 @@ def test_relief_valves_hold_the_pressure():
     assert setting < highest < 1.15 * setting
 
 
-def test_cavitation_keeps_the_absolute_pressure_positive():
-    """A discharged accumulator and hard strokes against a throttle: the air carries the low side."""
-    duty = {"name": "constant_speed", "speeds": [250.0], "amplitude": 0.1, "dwell": 0.0}
-    throttled = {"load": {"name": "throttle"}, "charge_factor": 0.2}
-    truth = _truth(Unit.load("axis_a_13cm3"), duration=4.0, duty=duty, control=SPEED, **throttled)
-    lowest = min(truth["pressure_1"].min(), truth["pressure_2"].min()) + 101_325.0
-    assert 0.0 < lowest < 1e5
-    assert np.abs(truth["oil_mass"] / truth["oil_mass"][0] - 1.0).max() < 1e-6
-
-
 HELD = {"duty": {"name": "standstill"}, "load": {"name": "constant", "level": 1200.0}}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import bilinear, cont2discrete
+from scipy.signal import bilinear
 
 from fdd.errors import InputError
 from fdd.plant.circuit import Circuit
@@ -81,19 +81,3 @@ def test_the_chatter_filter_is_the_one_that_the_thesis_prints() -> None:
     assert printed > 1.005, "which eq. 7.5 as printed would not"
     tustin = bilinear([350.0**2], [1.0, np.sqrt(2.0) * 350.0, 350.0**2], fs=1e3)[0]
     assert tustin[0] > 0.02, "the rule that the text names has a term without delay; eq. 7.5 has none"
-
-
-@given(cutoff=st.floats(5.0, 3000.0), period=st.floats(1e-4, 1e-3))
-def test_the_chatter_filter_is_the_zero_order_hold_of_a_butterworth(cutoff, period) -> None:
-    """Against scipy's matrix exponential."""
-    system = ([cutoff**2], [1.0, np.sqrt(2.0) * cutoff, cutoff**2])
-    numerator, denominator, _ = cont2discrete(system, period, method="zoh")
-    b1, b2, a1, a2 = chatter_filter(cutoff, period)
-    np.testing.assert_allclose(numerator[0], [0.0, b1, b2], rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(denominator, [1.0, a1, a2], rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.parametrize("arguments", [(0.0, 1e-3), (350.0, 0.0), (3142.0, 1e-3), (float("nan"), 1e-3)])
-def test_a_filter_that_cannot_be_is_refused(arguments) -> None:
-    with pytest.raises(InputError, match="cut-off"):
-        chatter_filter(*arguments)

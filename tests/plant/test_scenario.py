@@ -140,24 +140,6 @@ def test_gusts_have_the_deviation_and_bandwidth_asked_for():
     assert spectrum[frequency < 4.0].sum() > 0.95 * spectrum.sum()
 
 
-def test_one_seed_gives_one_run_bit_for_bit():
-    scenario = Scenario(
-        duration=3.0,
-        load=GustLoad(),
-        recording=Recording(dropped=0.01, late=0.01, nan_bursts_per_minute=60.0),
-        faults=[{"fault": "seal_wear", "severity": 0.5, "onset": 1.0}],
-        seed=11,
-    )
-    first, again = simulate(UNIT, scenario), simulate(UNIT, scenario)
-    other = simulate(UNIT, scenario.model_copy(update={"seed": 12}))
-    assert np.array_equal(first.samples.time, again.samples.time)
-    for channel in first.samples.channels:
-        assert np.array_equal(first.samples[channel], again.samples[channel], equal_nan=True), channel
-    for name in first.truth.columns:
-        assert np.array_equal(first.truth[name], again.truth[name]), name
-    assert not np.array_equal(first.truth["position"][:900], other.truth["position"][:900])
-
-
 def test_the_units_spread_of_friction_varies_from_run_to_run():
     draws = [prepare(UNIT, Scenario(duration=0.01, seed=s)).parameters[0].coulomb_forward for s in range(300)]
     assert np.mean(draws) == pytest.approx(UNIT.friction.forward.coulomb, rel=0.02)

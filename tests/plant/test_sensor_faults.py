@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
+from test_recorder_blocks import in_blocks
 
 from fdd.faults import CATALOGUE
 from fdd.plant.faults.spec import FaultScales, FaultSpec
@@ -46,23 +46,12 @@ def shown(fault: SensorFault, truth: np.ndarray, time: np.ndarray) -> np.ndarray
     return fault.replace(fault.distort(truth.copy(), truth, time, 0), time)
 
 
-def recorded(
-    faults: Sequence[FaultSpec], recording: Recording, edges: Sequence[int] = (), unit: Unit = UNIT
-) -> Rows:
+def recorded(faults: Sequence[FaultSpec], recording: Recording, edges: Sequence[int] = ()) -> Rows:
     """N rows of waves beyond the relief pressure, measured between the edges."""
     time = np.arange(N) * recording.period
     wave = np.sin(2.0 * np.pi * 1.3 * time)
     truth = dict.fromkeys(MEASURED, 4e6 * wave) | {"pump_angle": 30.0 * wave, "position": 0.01 * wave}
-    recorder = Recorder(unit, list(faults), recording, seed=11)
-    blocks = [
-        recorder.measure({c: v[i:j] for c, v in truth.items()}, time[i:j])
-        for i, j in pairwise([0, *sorted(edges), N])
-    ]
-    return Rows(
-        np.concatenate([b.time for b in blocks]),
-        {c: np.concatenate([b.columns[c] for b in blocks]) for c in blocks[0].columns},
-        np.concatenate([b.kept for b in blocks]),
-    )
+    return in_blocks(Recorder(UNIT, list(faults), recording, seed=11), truth, time, edges)
 
 
 def changed(one: Rows, other: Rows) -> set[str]:

@@ -7,7 +7,7 @@ from scipy.signal import welch
 from fdd.errors import InputError
 from fdd.plant.load import ConstantLoad
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.sensors import Recorder, digitise, measure_channel
+from fdd.plant.sensors import ChannelSensor, Recorder, range_of
 from fdd.plant.sensors.recorder import MEASURED
 from fdd.plant.simulate import simulate
 from fdd.sensor import CurrentLoop
@@ -19,7 +19,11 @@ LOOP = CurrentLoop(low=0.0, high=6.895e6, resistance=499.0)
 
 
 def _measure(sensor: Sensor, truth: np.ndarray, angle: np.ndarray | None = None) -> np.ndarray:
-    return measure_channel(sensor, truth, TIME[: truth.size], np.random.default_rng(1), angle)
+    return ChannelSensor(sensor, np.random.default_rng(1)).observe(truth, TIME[: truth.size], angle)
+
+
+def _digitised(sensor: Sensor, values: np.ndarray) -> np.ndarray:
+    return range_of(sensor).digitise(values)
 
 
 @pytest.mark.parametrize("bandwidth", [None, 150.0])
@@ -35,7 +39,7 @@ def test_noise_has_the_deviation_asked_for_within_its_band(bandwidth):
 def test_band_limited_noise_is_settled_from_the_first_row():
     sensor = Sensor(noise=1.0, bandwidth_hz=5.0)
     row = np.zeros(1)
-    first = [measure_channel(sensor, row, row, np.random.default_rng(k))[0] for k in range(800)]
+    first = [ChannelSensor(sensor, np.random.default_rng(k)).observe(row, row)[0] for k in range(800)]
     # Standard error of a deviation from 800 draws: 2.5 %.
     assert np.std(first) == pytest.approx(1.0, abs=0.1)
 
@@ -64,7 +68,7 @@ def test_the_differentiated_encoder_peaks_near_165_hz_at_three_volts():
     truth, angle = 34e-6 * np.arange(16_384) + 0.31e-6, 94.24e-3 * np.arange(16_384)
     # As uneven as friction makes it: enough to blur the rounding into noise.
     truth = truth + np.cumsum(np.random.default_rng(3).normal(0.0, 0.3e-6, truth.size))
-    shown = digitise(encoder, measure_channel(encoder, truth, TIME, np.random.default_rng(1), angle))
+    shown = _digitised(encoder, _measure(encoder, truth, angle))
     frequency, power = welch(np.diff(shown) / 1e-3, 1000.0, nperseg=2048)
     band = (frequency > 100.0) & (frequency < 450.0)
     assert frequency[band][np.argmax(power[band])] == pytest.approx(165.0, abs=1.0)
@@ -88,14 +92,14 @@ def test_the_current_loop_is_the_theses():
 
 def test_the_converter_rounds_to_codes_and_ends_at_its_range():
     pressure = np.linspace(-9e6, 9e6, 20_001)
-    codes = (digitise(Sensor(loop=LOOP), pressure) + LOOP.offset) / LOOP.resolution
+    codes = (_digitised(Sensor(loop=LOOP), pressure) + LOOP.offset) / LOOP.resolution
     np.testing.assert_allclose(codes, np.rint(codes), atol=1e-6)
     # From no current at all to the highest code of +10 V.
     assert (codes.min(), codes.max()) == pytest.approx((0.0, 32767.0))
     inside = (pressure > 0.0) & (pressure < 6.895e6)
-    shown = digitise(Sensor(loop=LOOP), pressure)
+    shown = _digitised(Sensor(loop=LOOP), pressure)
     assert np.abs(shown - pressure)[inside].max() <= 0.5001 * LOOP.resolution
-    turned = digitise(Sensor(loop=LOOP.model_copy(update={"reversible": True})), pressure)
+    turned = _digitised(Sensor(loop=LOOP.model_copy(update={"reversible": True})), pressure)
     assert turned.min() == pytest.approx(-turned.max(), abs=LOOP.resolution)
     assert np.abs(turned - pressure)[np.abs(pressure) < 6.895e6].max() <= 0.5001 * LOOP.resolution
 

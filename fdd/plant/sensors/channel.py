@@ -160,15 +160,3 @@ class ChannelSensor:
             return white
         out, self._filter = sosfilt(self._sections, white, zi=self._filter)
         return np.asarray(out)
-
-
-def digitise(sensor: Sensor, value: Array) -> Array:
-    """Clip to the sensor's range and round to its resolution, (n,)."""
-    return range_of(sensor).digitise(value)
-
-
-def measure_channel(
-    sensor: Sensor, truth: Array, time: Array, rng: np.random.Generator, angle: Array | None = None
-) -> Array:
-    """What a sensor shows of a whole run, before faults of its own, range and rounding, (n,)."""
-    return ChannelSensor(sensor, rng).observe(truth, time, angle)

@@ -5,6 +5,9 @@ Severity 0 leaves every number as it was, bit for bit.
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,13 +40,15 @@ SLIP_STEP = 1e-3
 """m, mean size of a slip at severity 1: with one a second, 1 % of the travel at 0.1 m/s."""
 PLAY = 5e-3
 """m; the reader head's clamp ends the walk on either side (assumption), so that strokes stay possible."""
-_AT_ONCE = 256
+_AT_ONCE, _DRAWS = 256, 18
+"""Slips that are drawn at once, and how often: an hour, the longest run, takes 3600 of these 4608."""
 
 
 class SensorFault:
     """Effect of a fault on its channel's sensor: `distort` before range and rounding, `replace` after it.
 
-    `seed` is the scenario's, `stream` tells axes apart, `scales` are the figures of severity 1.
+    `seed` is the scenario's, `stream` tells axes apart, `scales` are the figures of severity 1, `period` (s)
+    lies between rows.
     """
 
     channel = "pressure_difference"
@@ -51,13 +56,13 @@ class SensorFault:
     """Of its random stream."""
     first_state: tuple[float, float] = (np.nan, np.nan)
     """What its compiled loop, where it has one, remembers at first."""
-    period = PERIOD
-    """s, between rows."""
 
     def __init__(
-        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
-    ) -> None:
-        self.spec, self.sensor, self.scales = spec, sensor, scales
+        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL,
+        period: float = PERIOD,
+    ) -> None:  # fmt: skip
+        self.spec, self.sensor, self.scales, self.period = spec, sensor, scales, period
+        self.seed, self.stream = seed, stream
         self._rng = generator(seed, f"{self.purpose}{stream}")
         self._state = np.array(self.first_state)
 
@@ -143,76 +148,57 @@ class Drift(SensorFault):
         return np.diff(-DRIFTED * np.expm1(-3.0 * drifting / DRIFTED))
 
 
-class PositionSlip:
-    """Offset of the position encoder: slips at random times, of random sign and size, of a scenario's `seed`.
+@lru_cache(maxsize=8)
+def slips(spec: FaultSpec, seed: int, stream: str = "") -> tuple[NDArray[np.int64], Array]:
+    """Milliseconds at which a slipping position encoder's zero jumps, and where it is from then on (m).
 
     The reader head, or the rail that couples it to the rod (thesis A.1.2, figure A.4), slips in its clamp: at
     times of a Poisson process the zero jumps by ``severity·SLIP_STEP`` times 0.5 to 1.5, to either
     side, and stays where it then is; walls at ± `PLAY` reflect it. It depends on time and seed alone, not on
     the motion, so that plant and log can each ask for it. An assumption: the thesis tells of no slip.
     """
-
-    def __init__(self, spec: FaultSpec, seed: int, stream: str = "") -> None:
-        self.spec = spec
-        self._rng = generator(seed, f"position slip{stream}")
-        # Rows at which the zero jumps and where it is from then on; the first is where it begins.
-        self._rows = [0]
-        self._offsets = [0.0]
-        self._time = 0.0
-
-    def offset(self, first_row: int, n: int) -> Array:
-        """Metres that the encoder shows too much in rows ``first_row`` to ``first_row + n - 1``, (n,)."""
-        while self._rows[-1] < first_row + n:
-            self._slip_on()
-        rows = np.arange(first_row, first_row + n)
-        at = np.searchsorted(np.array(self._rows), rows, side="right") - 1
-        return np.array(self._offsets)[at]
-
-    def _slip_on(self) -> None:
-        """Draw the next slips; always as many, so that the walk does not depend on who asks for how much."""
-        times = np.cumsum(np.append(self._time, self._rng.exponential(1.0 / SLIPS_PER_SECOND, _AT_ONCE)))[1:]
-        sizes, sides = self._rng.random(_AT_ONCE), self._rng.random(_AT_ONCE)
-        rows = np.ceil(times / PERIOD).astype(np.int64)
-        severity = self.spec.over(np.asarray(rows * PERIOD, dtype=np.float64))
+    rng = generator(seed, f"position slip{stream}")
+    rows, offsets, time, offset = [0], [0.0], 0.0, 0.0
+    for _ in range(_DRAWS):
+        times = np.cumsum(np.append(time, rng.exponential(1.0 / SLIPS_PER_SECOND, _AT_ONCE)))[1:]
+        sizes, sides = rng.random(_AT_ONCE), rng.random(_AT_ONCE)
+        struck = np.ceil(times / PERIOD).astype(np.int64)
+        severity = spec.over(np.asarray(struck * PERIOD, dtype=np.float64))
         steps = severity * SLIP_STEP * (0.5 + sizes) * np.where(sides < 0.5, 1.0, -1.0)
-        offset = self._offsets[-1]
         for step in steps.tolist():
             offset += step
             if abs(offset) > PLAY:
                 offset = (2.0 * PLAY - abs(offset)) * (1.0 if offset > 0.0 else -1.0)
-            self._offsets.append(offset)
-        self._rows += rows.tolist()
-        self._time = float(times[-1])
+            offsets.append(offset)
+        rows += struck.tolist()
+        time = float(times[-1])
+    return np.array(rows), np.array(offsets)
 
 
 def position_offset(faults: list[FaultSpec], first_row: int, n: int, seed: int, stream: str = "") -> Array:
-    """What slipping adds to the position encoder's reading in n rows from `first_row` on, (n,) m.
+    """What slipping adds to the position encoder's reading in n milliseconds from `first_row` on, (n,) m.
 
     A column of it belongs to the position controller: its encoder reads ``gain·x + zero + offset``, rounded.
     The log's position has the same offset. All zero without the fault.
     """
-    total = np.zeros(n)
+    total, wanted = np.zeros(n), np.arange(first_row, first_row + n)
     for spec in faults:
         if spec.fault == SLIP:
-            total += PositionSlip(spec, seed, stream).offset(first_row, n)
+            rows, offsets = slips(spec, seed, stream)
+            total += offsets[np.searchsorted(rows, wanted, side="right") - 1]
     return total
 
 
 class Slip(SensorFault):
-    """The position encoder's zero walks, see `PositionSlip`."""
+    """The position encoder's zero walks, see `slips`."""
 
     channel = "position"
-
-    def __init__(
-        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
-    ) -> None:
-        super().__init__(spec, sensor, seed, stream, scales)
-        self._slip = PositionSlip(spec, seed, stream)
 
     def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
         # It slips from one millisecond to the next, as the controller sees it.
         each = round(PERIOD / self.period)
-        values += np.repeat(self._slip.offset(first_row // each, time.size // each), each)
+        slipped = position_offset([self.spec], first_row // each, time.size // each, self.seed, self.stream)
+        values += np.repeat(slipped, each)
         return values
 
 
@@ -230,10 +216,8 @@ class Dropout(SensorFault):
     purpose = "dropout"
     first_state = (0.0, np.nan)
 
-    def __init__(
-        self, spec: FaultSpec, sensor: Sensor, seed: int, stream: str = "", scales: FaultScales = USUAL
-    ) -> None:
-        super().__init__(spec, sensor, seed, stream, scales)
+    def __init__(self, spec: FaultSpec, sensor: Sensor, *more: Any) -> None:
+        super().__init__(spec, sensor, *more)
         self.channel, self._shows = DROPOUTS[spec.variant or "missing"]
         self._dead = np.nan
         if self._shows == "dead":

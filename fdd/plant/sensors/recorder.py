@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.plant.sensors.channel import RATE, ChannelSensor, digitise
+from fdd.plant.sensors.channel import RATE, ChannelSensor, range_of
 from fdd.plant.sensors.faults import USUAL, SensorFault, sensor_fault, struck_channel
 from fdd.plant.sensors.recording import Losses, NanBursts, Recording, generator
 from fdd.samples import Samples
@@ -87,8 +87,7 @@ class Recorder:
         for spec in faults:
             kind, channel = sensor_fault(spec), struck_channel(spec, recording)
             if kind is not None and channel in self._sensors:
-                effect = kind(spec, unit.sensor(channel), seed, stream, scales)
-                effect.period = recording.period
+                effect = kind(spec, unit.sensor(channel), seed, stream, scales, recording.period)
                 self._faults.setdefault(channel, []).append(effect)
         self._losses = Losses(recording, seed)
         self._bursts = NanBursts(recording, seed, [*self._sensors, "pump_speed"], stream)
@@ -114,7 +113,7 @@ class Recorder:
             raise InputError(f"the truth lacks {', '.join(absent)}", mend="give all measured channels")
         columns: dict[str, Array] = {}
         if "command" in truth:
-            columns["command"] = digitise(self.unit.sensor("command"), truth["command"])
+            columns["command"] = range_of(self.unit.sensor("command")).digitise(truth["command"])
         for channel, sensor in self._sensors.items():
             columns[channel] = self._one(channel, sensor, truth, time)
             if channel == "pump_angle":
