@@ -61,10 +61,9 @@ def departures(
         lost[mine] += less
     size = np.linalg.solve(joint, score[..., None])[:, 0, 0]
     inverse = np.linalg.inv(joint)[:, :, 0]
-    information = 1.0 / inverse[:, 0]
-    along = inverse * information[:, None]  # the known ones follow the first
-    share = np.einsum("fp,fpq,fq->f", along, lost, along) / information
-    return Departures(np.asarray(size), np.asarray(information), np.asarray(share))
+    along = inverse / inverse[:, :1]  # the known ones follow the first
+    share = inverse[:, 0] * np.einsum("fp,fpq,fq->f", along, lost, along)
+    return Departures(np.asarray(size), np.asarray(1.0 / inverse[:, 0]), np.asarray(share))
 
 
 def _part(

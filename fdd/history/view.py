@@ -72,12 +72,12 @@ def _compare_tables(found: Comparison) -> list[Table]:
     """Estimates, balances, duty and spectral lines."""
     given = [f"{ESTIMATED[c.quantity][2].lower()} {c.conditions}" for c in found.estimates if c.conditions]
     conditions = "; ".join(given)
-    balances = [
+    balances: list[tuple[str, ...]] = [
         (BALANCES[c.balance].title if c.balance in BALANCES else c.balance,
          number(c.a, 3), number(c.b, 3), number(c.b / c.a if c.a and c.b else None, 3))
         for c in found.balances
     ]  # fmt: skip
-    duty = []
+    duty: list[tuple[str, ...]] = []
     for row in found.duty:
         factor, unit = SHOWN.get(row.unit, (1.0, row.unit))
         texts = (
@@ -87,7 +87,7 @@ def _compare_tables(found: Comparison) -> list[Table]:
             for x in (row.a, row.b)
         )  # fmt: skip
         duty.append((row.signal.replace("_", " "), unit, *texts))
-    lines = []
+    lines: list[tuple[str, ...]] = []
     for x in found.lines:
         times = f"{number(x.ratio, 3)} times ({10.0 * np.log10(x.ratio):+.0f} dB)".replace("-", "−")
         channel, hz = x.channel.replace("_", " "), f"{x.frequency_hz:.1f} Hz"
