@@ -165,7 +165,8 @@ class AxisWatch:
                 # No longer than a look each, so that what a look finds is told at its own time.
                 edges = np.arange(samples.time[0] + LOOK_S, samples.time[-1], LOOK_S)
                 for a, b in pairwise([0, *samples.time.searchsorted(edges).tolist(), len(samples)]):
-                    looks += self._worked(samples.rows(a, b), wall) if b > a else ()
+                    if b > a:
+                        looks += self._worked(samples.rows(a, b), wall)
         except InputError as error:
             self._fail(str(error))
         except Exception as error:  # a fault of fdd: the other axes go on

@@ -300,8 +300,9 @@ class Fleet:
 
     def _forget(self, name: str, who: str, batch: Batch) -> None:
         """Watch an axis no longer: its state and its life go, its alarms and the audit stay."""
-        for kept in (self._axes, self._refused, self._heard, self.writer.last_row):
-            kept.pop(name, None)  # type: ignore[attr-defined]
+        kept: tuple[dict[str, Any], ...] = (self._axes, self._refused, self._heard, self.writer.last_row)
+        for part in kept:
+            part.pop(name, None)
         self._inbox.forget(name)
         wall = self._clock()
         batch.moved(self._book.remove(name, who, wall))

@@ -6,6 +6,7 @@ import random
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from fdd.service import config
@@ -184,11 +185,12 @@ class Outputs:
         """Begin, in threads of their own that end soon after `stop`."""
         if self._mqtt is not None:
             self._mqtt.start()
-        work = [(target.carry, (self._bus, stop)) for target in self._targets.values()]
-        recording = [] if self._recorder is None else [(self._recorder.run, (stop,))]
-        for run, given in (*work, *recording):
-            self._threads.append(threading.Thread(target=run, args=given, daemon=True))
-            self._threads[-1].start()
+        work = [partial(target.carry, self._bus, stop) for target in self._targets.values()]
+        if self._recorder is not None:
+            work.append(partial(self._recorder.run, stop))
+        self._threads = [threading.Thread(target=run, daemon=True) for run in work]
+        for thread in self._threads:
+            thread.start()
 
     def join(self, timeout: float = 20.0) -> None:
         """Wait until all have ended, at most so many seconds; what was not delivered stays in the outbox."""

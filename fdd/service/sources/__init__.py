@@ -33,8 +33,9 @@ def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: Tru
     if isinstance(config, FolderSource | ReplaySource):
         from fdd.service.sources.logs import Folder, Replays
 
-        is_folder = isinstance(config, FolderSource)
-        return Folder(config, channel_map) if is_folder else Replays(config, channel_map)
+        if isinstance(config, FolderSource):
+            return Folder(config, channel_map)
+        return Replays(config, channel_map)
     if isinstance(config, MqttSource):
         try:
             from fdd.service.sources.mqtt import Mqtt
@@ -45,4 +46,6 @@ def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: Tru
 
     if isinstance(config, TcpSource):
         return TcpLines(config, channel_map)
-    return (Datagrams if isinstance(config, UdpSource) else StandardInput)(config, channel_map)
+    if isinstance(config, UdpSource):
+        return Datagrams(config, channel_map)
+    return StandardInput(config, channel_map)

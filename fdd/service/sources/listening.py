@@ -59,7 +59,9 @@ class _Feed:
 
     def __init__(self, source: Listener, stop: threading.Event, window: Window | None = None) -> None:
         self._source, self._stop, self._window = source, stop, window
-        self._more = {} if window is None else {"patient": True, "accepted": window.accepted}
+        self._more: dict[str, Any] = {}
+        if window is not None:
+            self._more = {"patient": True, "accepted": window.accepted}
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._pending, self._since = 0, time.monotonic()
 

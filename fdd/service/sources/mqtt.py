@@ -70,8 +70,8 @@ class Mqtt(Source):
         self._config.client("check")
 
     def _begin(self, stop: threading.Event) -> None:
-        config, session = self._config, None
-        is_5 = config.version == "5"
+        config, is_5 = self._config, self._config.version == "5"
+        session: Properties | None = None
         if is_5:
             session = Properties(PacketTypes.CONNECT)
             session.SessionExpiryInterval = round(3600 * config.session_hours)
