@@ -13,7 +13,7 @@ from fdd.service.store.database import WRITES, told
 METADATA = sa.MetaData()
 VERSION = "0002"
 """Of the tables; a store of another one is refused."""
-COUNTED = {"sqlite_autoincrement": True}
+COUNTED: dict[str, Any] = {"sqlite_autoincrement": True}
 """Ids of rows that are gone never come again: a checkpoint names the journal's last row that it holds."""
 
 

@@ -66,8 +66,8 @@ class Transaction:
 
     def remove_axis(self, name: str, said: str) -> None:
         """Take out an axis, its state, its life and a word; alarms, findings and the audit stay."""
-        for column in (CHECKPOINT.c.axis, JOURNAL.c.axis, ROLLUP.c.axis, AXIS.c.name):
-            self.gone(delete(column.table).where(column == name))
+        for table, column in ((CHECKPOINT, "axis"), (JOURNAL, "axis"), (ROLLUP, "axis"), (AXIS, "name")):
+            self.gone(delete(table).where(table.c[column] == name))
         self.gone(delete(META).where(META.c.key == said))
 
     def found(self, axis: str, time: float, wall: float, finding: FaultFinding) -> int:
