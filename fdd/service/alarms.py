@@ -174,32 +174,33 @@ class AlarmBook:
         """
         surest: dict[str, FaultFinding] = {}
         for finding in sorted(standing, key=lambda f: -f.confidence):
-            surest.setdefault(_key(finding), finding)
+            surest.setdefault(f"{finding.family}/{finding.channel or finding.fault}", finding)
         mine = {a.id: _at(a, time) for a in self.alarms(axis)}
-        for id in [a.id for a in mine.values() if self._over(a)]:
-            del mine[id], self._alarms[id]
+        # Those that are normal for so long that another one would be a new alarm. One that chatters is the
+        # same alarm until it has been quiet, however long the pauses.
+        for a in list(mine.values()):
+            ended = a.state == "NORMAL" and not a.chattering and a.returned_time is not None
+            if ended and a.time - (a.returned_time or 0.0) > self.chatter:
+                del mine[a.id], self._alarms[a.id]
         live = {a.key for a in mine.values() if a.state != "NORMAL"}
         out = []
         # Those first whose own alarm is not over: else a fault that looks alike would take it from them.
         for key, finding in sorted(surest.items(), key=lambda item: item[0] not in live):
             alarm = _alarm_of(key, finding, mine.values())
             if alarm is None:
-                out.append(self._raised(axis, key, finding, time, wall))
+                alarm = Alarm(
+                    id=self._next_id, axis=axis, key=key, family=finding.family, state="UNACK",
+                    time=time, seen=time, raised_time=time, raised_wall=wall, level=severity_level(finding),
+                    priority=priority_of(finding), **_words(finding, finding.detected_s),
+                )  # fmt: skip
+                self._next_id += self._step
+                out.append(self._moved("RAISED", alarm, "NORMAL", wall))
             else:
                 del mine[alarm.id]
                 out += self._seen(alarm, finding, time, wall)
         for unseen in mine.values():
             out += self._unseen(unseen, time, wall)
         return out
-
-    def _raised(self, axis: str, key: str, finding: FaultFinding, time: float, wall: float) -> Transition:
-        alarm = Alarm(
-            id=self._next_id, axis=axis, key=key, family=finding.family, state="UNACK",
-            time=time, seen=time, raised_time=time, raised_wall=wall, level=severity_level(finding),
-            priority=priority_of(finding), **_words(finding, finding.detected_s),
-        )  # fmt: skip
-        self._next_id += self._step
-        return self._moved("RAISED", alarm, "NORMAL", wall)
 
     def _seen(self, alarm: Alarm, finding: FaultFinding, time: float, wall: float) -> list[Transition]:
         before, chattered = alarm.state, alarm.chattering
@@ -235,12 +236,6 @@ class AlarmBook:
                 return [self._moved("RETURNED", alarm, before, wall, notify=not alarm.chattering)]
         self._alarms[alarm.id] = alarm
         return []
-
-    def _over(self, alarm: Alarm) -> bool:
-        """Whether it is normal for so long that another one would be a new alarm."""
-        # One that chatters is the same alarm until it has been quiet, however long the pauses.
-        kept = alarm.state != "NORMAL" or alarm.chattering or alarm.returned_time is None
-        return not kept and alarm.time - (alarm.returned_time or 0.0) > self.chatter
 
     def act(self, action: Action, wall: float) -> Transition:
         """Do what a person does: see it, silence it for a week at most, or end that, by the evidence.
@@ -344,10 +339,6 @@ def priority_of(finding: FaultFinding) -> Priority:
     up = bool(AT_ONCE & {finding.fault, *finding.ambiguity})
     place = severity_level(finding) + up - (finding.confidence < DOUBTED)
     return PRIORITIES[min(max(place, 0), len(PRIORITIES) - 1)]
-
-
-def _key(finding: FaultFinding) -> str:
-    return f"{finding.family}/{finding.channel or finding.fault}"
 
 
 def _alarm_of(key: str, finding: FaultFinding, alarms: Iterable[Alarm]) -> Alarm | None:

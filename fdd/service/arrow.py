@@ -46,8 +46,10 @@ def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
                 f"a block of {batch.num_rows} rows, at most {MOST_BLOCK_ROWS}", mend="send shorter ones"
             )
         batch.validate(full=True)
-        more = _more(messages)
-        values = _values(batch)
+        values = np.empty((batch.num_columns, batch.num_rows))
+        if values.size:
+            values = batch.to_tensor(null_to_nan=True, row_major=False).to_numpy().T.astype(float, copy=False)
+        more = next(iter(messages), None) is not None
     except _DAMAGE as error:
         raise InputError(f"no Arrow stream ({type(error).__name__})", mend=_MEND) from None
     if more:
@@ -70,27 +72,11 @@ def arrow_payload(columns: Mapping[str, Array], head: Mapping[str, Any]) -> byte
     return bytes(out.getvalue())
 
 
-def _values(batch: pa.RecordBatch) -> Array:
-    """All columns, (k, n)."""
-    if not (batch.num_columns and batch.num_rows):
-        return np.empty((batch.num_columns, batch.num_rows))
-    together = batch.to_tensor(null_to_nan=True, row_major=False)
-    return np.asarray(together.to_numpy().T, dtype=np.float64)
-
-
-def _more(messages: pa.ipc.MessageReader) -> bool:
-    try:
-        messages.read_next_message()
-    except StopIteration:
-        return False
-    return True
-
-
 def _head(metadata: Mapping[bytes, bytes]) -> dict[str, Any]:
-    head: dict[str, Any] = {}
-    for key in (b"schema", b"axis", b"sequence", b"unit"):
-        if key in metadata:
-            head[key.decode()] = metadata[key].decode(errors="replace")
+    keys = ("schema", "axis", "sequence", "unit")
+    head: dict[str, Any] = {
+        k: metadata[k.encode()].decode(errors="replace") for k in keys if k.encode() in metadata
+    }
     text = head.get("sequence")
     if text is not None and text.isascii() and text.isdigit() and len(text) < 20:
         head["sequence"] = int(text)

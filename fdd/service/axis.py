@@ -6,7 +6,7 @@ import hashlib
 import json
 import logging
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -29,8 +29,6 @@ from fdd.service.profiles import Learning
 from fdd.service.recent import FRESH_S, LOOK_S, Recent
 from fdd.service.store import Checkpoint, Rollup, joined, parted
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 LOG = logging.getLogger("fdd.service")
 VERSION = "3"
@@ -73,6 +71,7 @@ class AxisWatch:
     ----------
     failed : why it is not watched now; what comes is checked, and once it is sound the axis begins anew.
     rollups : parts of minutes that are not stored yet.
+    flushed, kept : for the fleet: whether it fell silent and gave what waits; monotonic s of its checkpoint.
     """
 
     def __init__(
@@ -80,11 +79,10 @@ class AxisWatch:
         measured: Callable[[Samples], None] = lambda samples: None,
     ) -> None:  # fmt: skip
         self.name, self.model, self._measured, self._learn_s = name, model, measured, learn_s
-        self.order = Order(hold)
-        self.recent = Recent()
+        self.order, self.recent = Order(hold), Recent()
         self.failed: str | None = None
         self.rollups: list[Rollup] = []
-        self.samples = 0
+        self.samples, self.flushed, self.kept = 0, False, -np.inf
         self.rate_hz: float | None = None
         self.last_wall: float | None = None
         self.estimates: dict[str, Estimate] = {}
@@ -122,15 +120,13 @@ class AxisWatch:
         frame, self._frame = self._frame, stamp // FRAME_S
         if frame == self._frame and len(self._waiting) < MOST_TOGETHER:
             return []
-        return self._taken(self._in_order(), self.last_wall)
+        return self.settle(self.last_wall)
 
-    def flush(self, wall: float) -> list[Look]:
-        """Take what waits now, for blocks before it or for more (Unix seconds)."""
-        return self._taken(Samples.concatenate([self._in_order(), self.order.flush()]), wall)
-
-    def settle(self, wall: float) -> list[Look]:
-        """Take what waits for more (Unix seconds); what is held for a block before it stays held."""
-        return self._taken(self._in_order(), wall)
+    def settle(self, wall: float, flush: bool = False) -> list[Look]:
+        """Take what waits for more (Unix seconds); with `flush` what is held for a block before it too."""
+        blocks, self._waiting = self._waiting, []
+        samples = self.order.take(blocks)  # some at a time cost little more than one
+        return self._taken(Samples.concatenate([samples, self.order.flush()]) if flush else samples, wall)
 
     @property
     def waits(self) -> bool:
@@ -154,11 +150,6 @@ class AxisWatch:
             self._start_wall = self.last_wall - last
         return self._start_wall + time
 
-    def _in_order(self) -> Samples:
-        """The blocks that waited: some at a time cost little more than one."""
-        blocks, self._waiting = self._waiting, []
-        return self.order.take(blocks)
-
     def _taken(self, samples: Samples, wall: float) -> list[Look]:
         """The looks of samples that go on from the last ones."""
         if not len(samples):
@@ -171,8 +162,11 @@ class AxisWatch:
         try:
             self._check(samples)
             if self.failed is None:
-                for part in _parts(samples):
-                    looks += self._worked(part, wall)
+                # No longer than a look each, so that what a look finds is told at its own time.
+                edges = np.arange(samples.time[0] + LOOK_S, samples.time[-1], LOOK_S)
+                for a, b in pairwise([0, *samples.time.searchsorted(edges).tolist(), len(samples)]):
+                    if b > a:
+                        looks += self._worked(samples.rows(a, b), wall)
         except InputError as error:
             self._fail(str(error))
         except Exception as error:  # a fault of fdd: the other axes go on
@@ -191,22 +185,17 @@ class AxisWatch:
                 return
             check_magnitudes(Samples.concatenate(self._unchecked).columns)
             self._unchecked = None
-        self._hold_scales(samples)
+        if self.learning is None:  # a unit that is still learnt has no scales of its own
+            try:
+                for note in self._scales.push(samples):
+                    LOG.warning("axis %s: %s", self.name, note)
+            except InputError:
+                self._wrong_scales = True
+                raise
         if self.failed is not None and (self._scales.done or not self._wrong_scales):
             LOG.info("axis %s begins anew, it had failed: %s", self.name, self.failed)
             self.failed, self._wrong_scales = None, False
             self._take_over(self.unit)
-
-    def _hold_scales(self, samples: Samples) -> None:
-        """Hold them against the profile; a unit that is still learnt has none of its own."""
-        if self.learning is not None:
-            return
-        try:
-            for note in self._scales.push(samples):
-                LOG.warning("axis %s: %s", self.name, note)
-        except InputError:
-            self._wrong_scales = True
-            raise
 
     def _fail(self, why: str) -> None:
         if self.failed != why:
@@ -230,16 +219,12 @@ class AxisWatch:
         self.recent.look(time, self.estimates, misfits, self.probabilities)
         self._roll_up(wall)
         yield Look(time, fresh, self.standing)
-        self._learn()
-
-    def _learn(self) -> None:
-        if self.learning is None:
-            return
-        if self.standing:
-            self.learning.forget()
-        elif (unit := self.learning.learnt()) is not None:
-            self._learnt = unit.to_yaml()
-            self._take_over(unit)
+        if self.learning is not None:
+            if self.standing:
+                self.learning.forget()
+            elif (unit := self.learning.learnt()) is not None:
+                self._learnt = unit.to_yaml()
+                self._take_over(unit)
 
     def _roll_up(self, wall: float) -> None:
         values = {n: (e.value, e.std) for n, e in self.estimates.items() if e.observable}
@@ -258,6 +243,11 @@ class AxisWatch:
         names = ("late", "repeated", "reordered", "missing_blocks")
         return {"dropped": gaps.dropped, "gaps": gaps.jumps} | {name: counts[name] for name in names}
 
+    def _parts(self) -> dict[str, Any]:
+        """What has a state of its own, by the prefix under which a checkpoint has it."""
+        learning = {} if self.learning is None else {"learning": self.learning}
+        return {"order": self.order, "pipeline": self.pipeline, **learning}
+
     def checkpoint(self, wall: float, sequence: int = 0) -> Checkpoint:
         """All that it takes to go on (wall: Unix seconds); while nothing `waits`."""
         scalars = {
@@ -267,56 +257,35 @@ class AxisWatch:
         arrays: dict[str, NDArray[Any]] = {
             "axis": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)
         }
-        parts = {"order": self.order.state(), "pipeline": self.pipeline.state()}
-        if self.learning is not None:
-            parts["learning"] = self.learning.state()
-        for prefix, state in parts.items():
-            arrays |= {f"{prefix}|{k}": v for k, v in state.items()}
-        time = float(self.order.clock.last_time)
+        for prefix, part in self._parts().items():
+            arrays |= {f"{prefix}|{k}": v for k, v in part.state().items()}
+        time = float(np.nan_to_num(self.order.clock.last_time))
         return Checkpoint(
-            axis=self.name, time=time if np.isfinite(time) else 0.0, wall=wall, sequence=sequence,
-            profile_sha256=self.profile_sha256, model_sha256=self.model.sha256, version=VERSION,
-            body=joined(arrays),
+            axis=self.name, time=time, wall=wall, sequence=sequence, profile_sha256=self.profile_sha256,
+            model_sha256=self.model.sha256, version=VERSION, body=joined(arrays),
         )  # fmt: skip
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Go on from a checkpoint. Raises InputError: of another profile, model or version."""
+        where, mend = f"axis {self.name}", "it starts anew"
         ours = (self.profile_sha256, self.model.sha256, VERSION)
         if (checkpoint.profile_sha256, checkpoint.model_sha256, checkpoint.version) != ours:
-            raise InputError(
-                "its saved state is of another profile, model or version of fdd",
-                where=f"axis {self.name}", mend="it starts anew",
-            )  # fmt: skip
+            problem = "its saved state is of another profile, model or version of fdd"
+            raise InputError(problem, where=where, mend=mend)
         try:
             arrays = parted(checkpoint.body)
             scalars = json.loads(bytes(arrays["axis"]))
             self._learnt = scalars["learnt"]
             if self._learnt is not None:
-                self._take_over(Unit.from_yaml(self._learnt, where=f"axis {self.name}"))
-            self.order.restore(_below(arrays, "order"))
-            self.pipeline.restore(_below(arrays, "pipeline"))
-            if self.learning is not None:
-                self.learning.restore(_below(arrays, "learning"))
+                self._take_over(Unit.from_yaml(self._learnt, where=where))
+            for prefix, part in self._parts().items():
+                mine = {k.partition("|")[2]: v for k, v in arrays.items() if k.startswith(f"{prefix}|")}
+                part.restore(mine)
         except (ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"its saved state is damaged ({type(error).__name__})",
-                where=f"axis {self.name}", mend="it starts anew",
-            ) from None  # fmt: skip
+            problem = f"its saved state is damaged ({type(error).__name__})"
+            raise InputError(problem, where=where, mend=mend) from None
         self.samples, self.rate_hz, self.failed = (scalars[k] for k in ("samples", "rate_hz", "failed"))
         self.last_wall = scalars["last_wall"]
         self._unchecked = None if scalars.get("checked", self.failed is None) else []
         self.standing = [] if self.failed else self.pipeline.standing
         self.probabilities, self.estimates, _ = self.pipeline.now()
-
-
-def _parts(samples: Samples) -> Iterator[Samples]:
-    """No longer than a look each, so that what a look finds is told at its own time."""
-    edges = np.arange(samples.time[0] + LOOK_S, samples.time[-1], LOOK_S)
-    places = [0, *np.searchsorted(samples.time, edges).tolist(), len(samples)]
-    for a, b in pairwise(places):
-        if b > a:
-            yield samples.rows(a, b)
-
-
-def _below(arrays: Mapping[str, Array], prefix: str) -> dict[str, Array]:
-    return {k.removeprefix(f"{prefix}|"): v for k, v in arrays.items() if k.startswith(f"{prefix}|")}

@@ -82,9 +82,8 @@ def axis_name(name: object) -> str:
     Raises InputError: it is none.
     """
     if not isinstance(name, str) or len(name) > _LONGEST_AXIS or not _NAME.fullmatch(name):
-        raise InputError(
-            f"{str(name)[:80]!r} is no name of an axis", mend="use 1 to 64 of letters, digits, _ - . and /"
-        )
+        mend = "use 1 to 64 of letters, digits, _ - . and /"
+        raise InputError(f"{str(name)[:80]!r} is no name of an axis", mend=mend)
     return name
 
 
@@ -118,9 +117,8 @@ class Decoder:
         Raises InputError: one line that says what is wrong with the message.
         """
         if len(payload) > MAX_BLOCK_BYTES:
-            raise InputError(
-                f"a block of {len(payload)} bytes, at most {MAX_BLOCK_BYTES}", mend="send shorter blocks"
-            )
+            problem = f"a block of {len(payload)} bytes, at most {MAX_BLOCK_BYTES}"
+            raise InputError(problem, mend="send shorter blocks")
         if payload.startswith(ARROW_START):
             columns, head = arrow_columns(payload)
             ignored = tuple(k for k in columns if k not in self.keys)
@@ -148,13 +146,9 @@ class Decoder:
         return self._block(columns, message, source, more, ignored)
 
     def _block(
-        self,
-        columns: dict[str, Array],
-        head: Mapping[str, Any],
-        source: str,
-        more: dict[str, Any],
+        self, columns: dict[str, Array], head: Mapping[str, Any], source: str, more: dict[str, Any],
         ignored: tuple[str, ...],
-    ) -> Block:
+    ) -> Block:  # fmt: skip
         if head.get("schema") != SCHEMA:
             raise InputError(f"not a block: its schema is not {SCHEMA}", mend=f'write "schema": "{SCHEMA}"')
         axis, sequence, unit = axis_name(head.get("axis")), head.get("sequence"), head.get("unit")
@@ -177,15 +171,13 @@ class Decoder:
                 found = channels_in_si(self.sources, columns.get)
         stamps = found.pop("time", None)
         if stamps is None:
-            raise InputError(
-                "no time in the block", mend="give its times in s: a list, or start, period and n"
-            )
+            mend = "give its times in s: a list, or start, period and n"
+            raise InputError("no time in the block", mend=mend)
         if not 1 <= stamps.size <= MOST_BLOCK_ROWS:
             raise InputError(f"a block of {stamps.size} rows, 1 to {MOST_BLOCK_ROWS} are taken")
         if not found:
-            raise InputError(
-                "no channel in the block", mend="name its columns as the channels, or give a map"
-            )
+            mend = "name its columns as the channels, or give a map"
+            raise InputError("no channel in the block", mend=mend)
         try:
             return Samples(stamps, found)
         except InputError:  # perhaps for what is infinite, which is missing
@@ -230,10 +222,8 @@ def json_object(payload: bytes) -> dict[str, Any]:
         except (ValueError, RecursionError):
             found = None
     if not isinstance(found, dict):
-        raise InputError(
-            f"neither a JSON object nor an Arrow stream: {payload[:40]!r}",
-            mend="send messages of fdd.block/1",
-        )
+        problem = f"neither a JSON object nor an Arrow stream: {payload[:40]!r}"
+        raise InputError(problem, mend="send messages of fdd.block/1")
     return found
 
 

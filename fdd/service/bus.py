@@ -41,8 +41,7 @@ class Subscription:
     def __init__(self, bus: Bus, kinds: Collection[Kind], most: int) -> None:
         self._bus, self._kinds = bus, kinds
         self._events: deque[Event] = deque(maxlen=most)
-        self._news = threading.Condition()
-        self.lost = 0
+        self._news, self.lost = threading.Condition(), 0
 
     def get(self, timeout: float = 0.0) -> Event | None:
         """The oldest event, or None when none came within `timeout` s."""
@@ -53,13 +52,6 @@ class Subscription:
     def close(self) -> None:
         """Hear no more."""
         self._bus._subscriptions.discard(self)
-
-    def _tell(self, event: Event) -> None:
-        if event.kind in self._kinds:
-            with self._news:
-                self.lost += len(self._events) == self._events.maxlen
-                self._events.append(event)
-                self._news.notify()
 
 
 class Bus:
@@ -76,5 +68,9 @@ class Bus:
 
     def publish(self, event: Event) -> None:
         """Tell all subscribers; never waits for one."""
-        for subscription in self._subscriptions.copy():
-            subscription._tell(event)
+        for one in self._subscriptions.copy():
+            if event.kind in one._kinds:
+                with one._news:
+                    one.lost += len(one._events) == one._events.maxlen
+                    one._events.append(event)
+                    one._news.notify()

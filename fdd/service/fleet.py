@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import logging
 import math
+import queue
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as TooLate
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -25,7 +28,7 @@ from fdd.service.life import profile_key, said_key
 from fdd.service.profiles import Profiles
 from fdd.service.status import AxisDetail, AxisStatus, status_of
 from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
-from fdd.service.storing import Batch, Removal, Requests, Writer
+from fdd.service.storing import Batch, Writer
 
 LOG = logging.getLogger("fdd.service")
 
@@ -42,6 +45,8 @@ FORGOTTEN_S = 60.0
 """Silence after which an axis goes that was refused, or sent less than its units can be checked by."""
 MOST_REFUSED, MOST_TOLD = 100, 3
 """Names of refused axes that are known, as strangers may give any number, and that health tells."""
+ACT_S = 10.0
+"""Seconds that somebody waits for what he did to be stored."""
 
 
 class Fleet:
@@ -87,11 +92,9 @@ class Fleet:
         self._has, self._book = has, AlarmBook(ids=ids)
         self._axes: dict[str, AxisWatch] = {}
         self._refused: dict[str, AxisStatus] = {}
-        self._flushed: set[str] = set()
         self._idle_s, self._ended, self._heard = 0.0, time.monotonic(), dict[str, float]()
-        self._requests = Requests()
+        self._asked: queue.Queue[tuple[Callable[[Batch], Any], Future[Any]]] = queue.Queue()
         self._lock = threading.RLock()
-        self._kept: dict[str, float] = {}
         self._profiles_kept: set[str] = set()
         self.writer, self.resumed = Writer(store), 0.0
 
@@ -117,15 +120,15 @@ class Fleet:
 
     def resume(self) -> None:
         """Go on where the last run ended; meanwhile others may ask how things stand."""
-        book, has = self._store.book(), self._has
+        book = self._store.book()
         with self._lock:
             self._axes.clear()
             self._refused.clear()
-            self._book.restore({**book, "alarms": [a for a in book["alarms"] if has(a["axis"])]})
+            self._book.restore({**book, "alarms": [a for a in book["alarms"] if self._has(a["axis"])]})
         waiting, worked = max(1, self._store.journal_rows()), 0
         for row in self._store.axes():
             name = row["name"]
-            if not has(name):
+            if not self._has(name):
                 continue
             # As its blocks say it, which is a file's name; the profile's own name may be another one.
             said = self._store.meta(said_key(name))
@@ -164,7 +167,7 @@ class Fleet:
                 if payload:
                     watch.push(decoder.decode(payload, "journal", axis=watch.name))
                 else:
-                    watch.flush(self._clock())
+                    watch.settle(self._clock(), flush=True)
             yield
         if note is not None:
             LOG.warning("%s", note)
@@ -172,21 +175,18 @@ class Fleet:
                 t.audit(self._clock(), ITSELF, "STATE_DISCARDED", axis=watch.name, note=note)
 
     def _new(self, name: str, said: str | None) -> AxisWatch:
-        unit = self._profiles.find(name, said)
-
         def measured(samples: Samples) -> None:
             self._bus.publish(Event("samples", name, float(samples.time[-1]), {"samples": samples}))
 
+        unit = self._profiles.find(name, said)
         return AxisWatch(name, unit, self._model, self._hold, self._learn_s, measured)
 
     def _opened(self, name: str, said: str | None) -> AxisWatch:
         watch = self._axes.get(name)
         if watch is None:
             if len(self._axes) >= MOST_AXES:
-                raise InputError(
-                    f"axis {name}: more than {MOST_AXES} axes",
-                    mend="remove one, or start another fdd serve for it",
-                )
+                mend = "remove one, or start another fdd serve for it"
+                raise InputError(f"axis {name}: more than {MOST_AXES} axes", mend=mend)
             watch = self._axes[name] = self._new(name, said)
             self._refused.pop(name, None)
         return watch
@@ -201,33 +201,46 @@ class Fleet:
         blocks = self._inbox.take(timeout)
         self._idle_s += min(time.monotonic() - self._ended, 2.0 * PACE_S)
         try:
-            return self._worked_through(blocks, stop)
+            with self._lock:
+                batch = self._worked(blocks)
+            if not self.writer.write(batch, stop):
+                return 0
+            for block in blocks:
+                block.accepted()
+            self._tell(batch)
+            return len(blocks)
         finally:
             self._ended = time.monotonic()
 
-    def _worked_through(self, blocks: list[Block], stop: threading.Event | None) -> int:
-        with self._lock:
-            batch = Batch(self._targets, self._clock())
-            by_axis: dict[str, list[Block]] = {}
-            for block in blocks:
-                by_axis.setdefault(block.axis, []).append(block)
-            self._forget_strangers(len(by_axis.keys() - self._axes.keys()), batch)
-            for name, mine in by_axis.items():
-                self._work(name, mine, batch)
-            self._flush_silent(set(by_axis), batch)
-            self._act_all(batch)
-            batch.moved(self._book.tick(self._clock()))
-            self._keep_due(batch)
-        if not self.writer.write(batch, stop):
-            return 0
+    def _worked(self, blocks: list[Block]) -> Batch:
+        batch = Batch(self._targets, self._clock())
+        by_axis: dict[str, list[Block]] = {}
         for block in blocks:
-            block.accepted()
-        self._tell(batch)
-        return len(blocks)
+            by_axis.setdefault(block.axis, []).append(block)
+        self._forget_strangers(len(by_axis.keys() - self._axes.keys()), batch)
+        for name, mine in by_axis.items():
+            self._work(name, mine, batch)
+        self._flush_silent(set(by_axis), batch)
+        while not self._asked.empty():
+            work, future = self._asked.get()
+            if future.set_running_or_notify_cancel():  # else nobody waits for it any more
+                try:
+                    batch.answers.append((future, work(batch)))
+                except (InputError, KeyError) as error:
+                    future.set_exception(error)
+        batch.moved(self._book.tick(self._clock()))
+        # Checkpoints of the axes whose turn it is, as many as their share of the time allows.
+        now, rows = time.monotonic(), self.writer.last_row
+        every = max(CHECKPOINT_S, CHECKPOINT_AXIS_S * len(self._axes))
+        due = [w for w in self._axes.values() if now - w.kept >= every and w.name in rows and not w.waits]
+        for watch in sorted(due, key=lambda w: w.kept)[: 1 + len(self._axes) // 50]:
+            watch.kept = now
+            self._keep(watch, batch)
+        return batch
 
     def _tell(self, batch: Batch) -> None:
-        for future, transition in batch.done:
-            future.set_result(transition)
+        for future, answer in batch.answers:
+            future.set_result(answer)
         for event in batch.events:
             self._bus.publish(event)
 
@@ -236,11 +249,10 @@ class Fleet:
         try:
             watch = self._opened(name, blocks[0].unit)
         except InputError as error:
-            samples = sum(len(block.samples) for block in blocks)
-            self._refuse(name, str(error), samples)
+            self._refuse(name, str(error), sum(len(block.samples) for block in blocks))
             self._heard[name] = self._idle_s
             return
-        self._flushed.discard(name)
+        watch.flushed = False
         batch.journal += [(name, block.payload or encode_arrow(block)) for block in blocks]
         looks = watch.push(*blocks)
         wall = blocks[-1].received
@@ -288,12 +300,9 @@ class Fleet:
 
     def _forget(self, name: str, who: str, batch: Batch) -> None:
         """Watch an axis no longer: its state and its life go, its alarms and the audit stay."""
-        kept: tuple[dict[str, Any], ...] = (
-            self._axes, self._refused, self._heard, self._kept, self.writer.last_row
-        )  # fmt: skip
+        kept: tuple[dict[str, Any], ...] = (self._axes, self._refused, self._heard, self.writer.last_row)
         for part in kept:
             part.pop(name, None)
-        self._flushed.discard(name)
         self._inbox.forget(name)
         wall = self._clock()
         batch.moved(self._book.remove(name, who, wall))
@@ -309,59 +318,27 @@ class Fleet:
             if name in busy:
                 self._heard[name] = self._idle_s
             silent = self._idle_s - self._heard.setdefault(name, self._idle_s) > SILENT_S
-            if silent and name not in self._flushed:
-                self._flushed.add(name)
+            if silent and not watch.flushed:
+                watch.flushed = True
                 wall = self._clock()
                 if watch.order.held_samples or watch.waits:
-                    looks = watch.flush(wall)
-                    batch.journal.append((watch.name, b""))
-                    self._looked(watch, looks, wall, batch)
+                    batch.journal.append((name, b""))
+                    self._looked(watch, watch.settle(wall, flush=True), wall, batch)
 
     def _looked(self, watch: AxisWatch, looks: list[Look], wall: float, batch: Batch) -> None:
+        name = watch.name
         for look in looks:
             for finding in look.fresh:
-                batch.writes.append(
-                    partial(Transaction.found, axis=watch.name, time=look.time, wall=wall, finding=finding)
-                )
-                body = finding.model_dump(mode="json") | {"axis": watch.name, "time": look.time, "wall": wall}
-                batch.told("finding", watch.name, look.time, body, notify=True)
-            batch.moved(self._book.update(watch.name, look.time, wall, look.standing))
+                found = partial(Transaction.found, axis=name, time=look.time, wall=wall, finding=finding)
+                batch.writes.append(found)
+                body = finding.model_dump(mode="json") | {"axis": name, "time": look.time, "wall": wall}
+                batch.told("finding", name, look.time, body)
+            batch.moved(self._book.update(name, look.time, wall, look.standing))
         if looks:
-            mine = self._book.alarms(watch.name)
-            if mine:  # when each was seen last counts after a restart too
+            if mine := self._book.alarms(name):  # when each was seen last counts after a restart too
                 batch.writes.append(lambda t: t.alarm(*mine))
             status = self._status(watch).model_dump(mode="json")
-            batch.events.append(Event("status", watch.name, looks[-1].time, status))
-
-    def _act_all(self, batch: Batch) -> None:
-        for action, future in self._requests.pending():
-            if isinstance(action, Removal):
-                if action.axis in self._axes or action.axis in self._refused:
-                    self._forget(action.axis, action.who, batch)
-                    batch.done.append((future, None))
-                else:
-                    future.set_exception(KeyError(action.axis))
-                continue
-            try:
-                transition = self._book.act(action, self._clock())
-            except InputError as error:
-                future.set_exception(error)
-                continue
-            batch.moved([transition])
-            batch.done.append((future, transition))
-
-    def _keep_due(self, batch: Batch) -> None:
-        """Checkpoints of the axes whose turn it is, as many as their share of the time allows."""
-        now = time.monotonic()
-        every = max(CHECKPOINT_S, CHECKPOINT_AXIS_S * len(self._axes))
-        due = [
-            n
-            for n, w in self._axes.items()
-            if now - self._kept.get(n, -1e9) >= every and n in self.writer.last_row and not w.waits
-        ]
-        for name in sorted(due, key=lambda n: self._kept.get(n, -1e9))[: 1 + len(self._axes) // 50]:
-            self._kept[name] = now
-            self._keep(self._axes[name], batch)
+            batch.events.append(Event("status", name, looks[-1].time, status))
 
     def _keep(self, watch: AxisWatch, batch: Batch) -> None:
         wall, parts = self._clock(), watch.rollups
@@ -408,16 +385,12 @@ class Fleet:
     def axes(self) -> list[AxisStatus]:
         """How every axis stands."""
         with self._lock:
-            counters = self._inbox.counters()
-            known = [self._status(watch, counters) for watch in self._axes.values()]
-            return known + list(self._refused.values())
+            return [*map(self._status, self._axes.values()), *self._refused.values()]
 
-    def _status(
-        self, watch: AxisWatch, counters: Mapping[str, Mapping[str, float]] | None = None
-    ) -> AxisStatus:
-        mine = (self._inbox.counters(watch.name) if counters is None else counters).get(watch.name, {})
+    def _status(self, watch: AxisWatch) -> AxisStatus:
         zone = self._zone.get(watch.name) if isinstance(self._zone, Mapping) else self._zone
-        return status_of(watch, self._book.alarms(watch.name), mine, self._clock(), zone)
+        counters = self._inbox.counters(watch.name)
+        return status_of(watch, self._book.alarms(watch.name), counters, self._clock(), zone)
 
     def profile_of(self, name: str) -> str | None:
         """An axis's profile as YAML; None where there is no such axis."""
@@ -429,15 +402,21 @@ class Fleet:
         """One axis with its last ten minutes. Raises KeyError: no such axis."""
         with self._lock:
             watch = self._axes[name]
-            recent = watch.recent
-            return AxisDetail(
-                status=self._status(watch), findings=self._book.findings(name), estimates=recent.estimates(),
-                misfits=recent.misfits(), probabilities=recent.probabilities(), signals=recent.signals(),
-            )  # fmt: skip
+            findings = self._book.findings(name)
+            return AxisDetail(status=self._status(watch), findings=findings, **watch.recent.drawn())
 
     def act(self, action: Action) -> Transition:
-        """Do something to an alarm, from any thread; stored when this returns. Raises as `Requests.ask`."""
-        done: Transition = self._requests.ask(action)
+        """Do something to an alarm, from any thread; stored when this returns.
+
+        Raises InputError: the alarm's state does not allow it. StoreTrouble: it was not stored in time.
+        """
+
+        def work(batch: Batch) -> Transition:
+            transition = self._book.act(action, self._clock())
+            batch.moved([transition])
+            return transition
+
+        done: Transition = self._ask(work)
         return done
 
     def remove(self, axis: str, who: str) -> None:
@@ -445,4 +424,21 @@ class Fleet:
 
         Raises KeyError: no such axis. StoreTrouble: it could not be stored in time.
         """
-        self._requests.ask(Removal(axis, who))
+
+        def work(batch: Batch) -> None:
+            if axis not in self._axes and axis not in self._refused:
+                raise KeyError(axis)
+            self._forget(axis, who, batch)
+
+        self._ask(work)
+
+    def _ask(self, work: Callable[[Batch], Any]) -> Any:
+        """Let the fleet's thread do something, and wait until it is stored."""
+        future: Future[Any] = Future()
+        self._asked.put((work, future))
+        try:
+            return future.result(ACT_S)
+        except TooLate:
+            future.cancel()
+            problem = f"not stored within {ACT_S:g} s: the store is away, or the service is busy"
+            raise StoreTrouble(problem, mend="try again") from None

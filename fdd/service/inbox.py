@@ -56,39 +56,35 @@ class Inbox:
 
         Raises InputError: it is of one axis more than may wait.
         """
-        size = block.nbytes + _BLOCK_BYTES
+        axis, size = block.axis, block.nbytes + _BLOCK_BYTES
         with self._changed:
-            while block.patient and self._waiting and not self._has_room(block.axis, size):
+
+            def is_full() -> bool:
+                waits = axis in self._queues and bool(self._queues[axis].blocks)
+                return not waits and len(self._waiting) >= MOST_AXES
+
+            while block.patient and self._waiting and (self._bytes + size > self._most_bytes or is_full()):
                 if self._closed:
                     return  # not accepted: its sender sends it again
                 self._changed.wait(0.5)
-            if not self._has_room(block.axis):
-                raise InputError(
-                    f"axis {block.axis}: more than {MOST_AXES} axes", mend="start another fdd serve for it"
-                )
-            queue = self._queues.setdefault(block.axis, _Queue())
+            if is_full():
+                mend = "start another fdd serve for it"
+                raise InputError(f"axis {axis}: more than {MOST_AXES} axes", mend=mend)
+            queue = self._queues.setdefault(axis, _Queue())
             if not queue.blocks:
-                self._waiting.append(block.axis)
+                self._waiting.append(axis)
             queue.blocks.append(block)
             queue.seconds += block.seconds
             self._bytes += size
-            while (
-                queue.seconds > self._most_seconds and len(queue.blocks) > 1 and not queue.blocks[0].patient
-            ):
-                self._drop(block.axis)
-            while self._bytes > self._most_bytes and (lossy := self._lossy()):
-                self._drop(max(lossy, key=lambda axis: self._queues[axis].seconds))
+            late = self._most_seconds
+            while queue.seconds > late and len(queue.blocks) > 1 and not queue.blocks[0].patient:
+                self._drop(axis)
+            while self._bytes > self._most_bytes:
+                lossy = [q for a in self._waiting if not (q := self._queues[a]).blocks[0].patient]
+                if not lossy:
+                    break
+                self._drop(max(lossy, key=lambda q: q.seconds).blocks[0].axis)
             self._changed.notify_all()
-
-    def _has_room(self, axis: str, size: int = 0) -> bool:
-        """Whether another block of an axis may wait, of some bytes."""
-        waits = axis in self._queues and bool(self._queues[axis].blocks)
-        room = size == 0 or self._bytes + size <= self._most_bytes
-        return room and (waits or len(self._waiting) < MOST_AXES)
-
-    def _lossy(self) -> list[str]:
-        """Axes whose oldest block no sender keeps."""
-        return [axis for axis in self._waiting if not self._queues[axis].blocks[0].patient]
 
     def close(self) -> None:
         """Let no sender wait any longer."""
@@ -143,11 +139,11 @@ class Inbox:
             self._changed.notify_all()
         return taken
 
-    def counters(self, *axes: str) -> dict[str, dict[str, float]]:
-        """By axis, of some or of all: samples dropped, s of data that wait."""
+    def counters(self, axis: str) -> dict[str, float]:
+        """Of an axis: samples dropped, s of data that wait."""
         with self._changed:
-            asked = {a: self._queues[a] for a in axes if a in self._queues} if axes else self._queues
-            return {a: {"dropped_samples": q.dropped, "lag_s": q.seconds} for a, q in asked.items()}
+            queue = self._queues.get(axis, _Queue())
+            return {"dropped_samples": queue.dropped, "lag_s": queue.seconds}
 
     def _out(self, axis: str) -> Block:
         queue = self._queues[axis]

@@ -173,7 +173,10 @@ class Order:
         """Hold rows that are newer than what was passed on, merged with held ones that they overlap."""
         stale = samples.time <= self._passed
         if stale.any():
-            self._count_stale(samples.time[stale])
+            # Rows that come after newer ones: repeated where their stamp was passed on, else late.
+            repeated = int(np.isin(samples.time[stale], self._recent).sum())
+            self.counts["repeated"] += repeated
+            self.counts["late"] += int(stale.sum()) - repeated
             samples = samples.rows(int(stale.sum()), len(samples))
         if not len(samples):
             return
@@ -181,15 +184,11 @@ class Order:
         touching = [h for h in self._held if h.first <= last and h.last >= first]
         if touching:
             self._held = [h for h in self._held if h not in touching]
-            samples, twice = _merged([*(h.samples for h in touching), samples])
-            self.counts["repeated"] += twice
+            time, columns = _joined([*(h.samples for h in touching), samples])
+            stamps, rows = np.unique(time, return_index=True)
+            samples = Samples(stamps, {n: v[rows] for n, v in columns.items()})
+            self.counts["repeated"] += time.size - stamps.size
         insort(self._held, _Held(float(samples.time[0]), samples), key=_KEY)
-
-    def _count_stale(self, stamps: Array) -> None:
-        """Rows that come after newer ones: repeated where their stamp was passed on, else late."""
-        repeated = int(np.isin(stamps, self._recent).sum())
-        self.counts["repeated"] += repeated
-        self.counts["late"] += stamps.size - repeated
 
     def _released(self, *, everything: bool = False) -> list[Samples]:
         """What need not wait any longer, and is not held any more."""
@@ -291,10 +290,3 @@ def _joined(parts: list[Samples]) -> tuple[Array, dict[str, Array]]:
     return np.concatenate([p.time for p in parts]), {
         n: np.concatenate([p.get(n) for p in parts]) for n in names
     }
-
-
-def _merged(parts: list[Samples]) -> tuple[Samples, int]:
-    """Rows of all parts in the order of time, and how many stamps came twice."""
-    time, columns = _joined(parts)
-    stamps, rows = np.unique(time, return_index=True)
-    return Samples(stamps, {n: v[rows] for n, v in columns.items()}), time.size - stamps.size

@@ -94,22 +94,17 @@ class Learning:
 
     def __init__(self, unit: Unit, seconds: float) -> None:
         self.unit, self.seconds = unit, seconds
-        self._start_anew()
+        self.forget()
 
-    def _start_anew(self) -> None:
-        self._bins = BinMaker(self.unit)
-        self._history = BalanceHistory(
-            self.unit, {name: first_effects(name, unit=self.unit) for name in BALANCES}
-        )
+    def forget(self) -> None:
+        """Something is wrong with it: what came so far is no baseline."""
+        effects = {name: first_effects(name, unit=self.unit) for name in BALANCES}
+        self._bins, self._history = BinMaker(self.unit), BalanceHistory(self.unit, effects)
 
     def push(self, samples: Samples) -> None:
         """Take samples of a unit that nothing is known to be wrong with."""
         for first, bins in self._bins.stretches(samples):
             self._history.push(first, bins)
-
-    def forget(self) -> None:
-        """Something is wrong with it: what came so far is no baseline."""
-        self._start_anew()
 
     def learnt(self) -> Unit | None:
         """The profile with its baseline, once it has worked for long enough."""
@@ -122,8 +117,8 @@ class Learning:
 
     def state(self) -> dict[str, Array]:
         """All of it as named arrays."""
-        bins = {f"bins:{k}": v for k, v in self._bins.state().items()}
-        return bins | {f"history:{k}": v for k, v in self._history.state().items()}
+        parts = {"bins": self._bins.state(), "history": self._history.state()}
+        return {f"{part}:{k}": v for part, state in parts.items() for k, v in state.items()}
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Go on from what `state` gave."""

@@ -8,11 +8,9 @@ import threading
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import paho.mqtt.client as paho
-from paho.mqtt.properties import Properties
-from paho.mqtt.reasoncodes import ReasonCode
 
 from fdd.errors import InputError
 from fdd.monitor.clock import WallClock
@@ -65,44 +63,36 @@ def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], sto
 
     Raises InputError: the broker cannot be reached, refuses the connection, or does not take the blocks.
     """
-    where = broker.shown
     # Made before the first is sent: it takes longer than sending.
     messages = [(when, topic.replace("{axis}", block.axis), encode_arrow(block)) for when, block in sent]
     client = broker.client(broker.client_id or f"fdd-publish-{socket.gethostname()}-{os.getpid()}")
     answered, moved, refused, taken = threading.Event(), threading.Event(), "", 0
 
-    def connected(
-        client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: Properties | None
-    ) -> None:
+    def failure(problem: str, mend: str) -> InputError:
+        return InputError(problem, where=broker.shown, mend=mend)
+
+    def connected(client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
         nonlocal refused
         refused = reason.getName() if reason.is_failure else ""
         answered.set()
 
-    def acknowledged(
-        client: paho.Client, data: object, mid: int, reason: ReasonCode, properties: Properties | None
-    ) -> None:
+    def acknowledged(client: Any, data: Any, number: Any, reason: Any, more: Any) -> None:
         nonlocal taken, refused
         taken += 1
-        if reason.is_failure:
-            refused = reason.getName()
+        refused = reason.getName() if reason.is_failure else refused
         moved.set()
 
     client.on_connect, client.on_publish = connected, acknowledged
     try:
         client.connect(broker.host, broker.chosen_port, broker.keepalive)
     except OSError as error:
-        raise InputError(
-            f"the broker cannot be reached ({error.strerror or error})",
-            where=where,
-            mend="check host and port",
-        ) from None
+        problem = f"the broker cannot be reached ({error.strerror or error})"
+        raise failure(problem, "check host and port") from None
     client.loop_start()
     try:
         if not answered.wait(ANSWER_S) or refused:
-            raise InputError(
-                f"the broker refuses the connection ({refused or 'no answer'})", where=where,
-                mend="check the user and its password",
-            )  # fmt: skip
+            problem = f"the broker refuses the connection ({refused or 'no answer'})"
+            raise failure(problem, "check the user and its password")
         clock = WallClock(stop)
         begun = clock.now()
         for when, place, payload in messages:
@@ -116,10 +106,8 @@ def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], sto
                 refused = refused or "no answer"
                 break
         if refused:
-            raise InputError(
-                f"the broker took {taken} of {len(messages)} blocks ({refused})", where=where,
-                mend="give this user the right to publish there",
-            )  # fmt: skip
+            problem = f"the broker took {taken} of {len(messages)} blocks ({refused})"
+            raise failure(problem, "give this user the right to publish there")
     finally:
         client.disconnect()
         client.loop_stop()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ FRESH_S = 30 * 86400.0
 """s by which a stamp may differ from the time of day, and yet count as one; else it is from any start."""
 Numbers = list[float | None]
 _NAMES = tuple(name for name in CHANNELS if name != "time")
+_Floats = NDArray[np.float32]
 
 
 class Series(BaseModel):
@@ -42,11 +44,10 @@ class Recent:
     """What is kept of an axis for its page."""
 
     def __init__(self) -> None:
-        most = round(SPAN_S / LOOK_S)
+        # Time, estimates, misfits and probabilities; number of the stretch, least and largest.
         self._looks: deque[tuple[float, dict[str, Estimate], dict[str, float], dict[str, float]]]
-        self._looks = deque(maxlen=most)
-        self._bands: deque[tuple[int, NDArray[np.float32], NDArray[np.float32]]]
-        self._bands = deque(maxlen=round(SPAN_S / BAND_S))
+        self._looks = deque(maxlen=round(SPAN_S / LOOK_S))
+        self._bands: deque[tuple[int, _Floats, _Floats]] = deque(maxlen=round(SPAN_S / BAND_S))
 
     def add(self, samples: Samples) -> None:
         """Take samples that follow the last ones."""
@@ -77,39 +78,32 @@ class Recent:
         """Take what one look at the evidence gave."""
         self._looks.append((time, estimates, misfits, chances))
 
-    def signals(self) -> Bands:
-        """Least and largest of each stretch."""
-        time = [band * BAND_S for band, _, _ in self._bands]
+    def drawn(self) -> dict[str, Any]:
+        """Estimates, misfits of the balances and probabilities of the families (`Series`), and signals."""
+        times = [look[0] for look in self._looks]
+        names = self._looks[-1][1] if self._looks else ()
         low, high = (np.array([b[k] for b in self._bands]).reshape(-1, len(_NAMES)).T for k in (1, 2))
         seen = [k for k in range(len(_NAMES)) if np.isfinite(low[k]).any()]
-        return Bands(
-            time=time,
-            low={_NAMES[k]: _numbers(low[k]) for k in seen},
-            high={_NAMES[k]: _numbers(high[k]) for k in seen},
-        )
-
-    def estimates(self) -> Series:
-        """Tracked quantities and their standard deviations."""
-        values: dict[str, Numbers] = {}
-        stds: dict[str, Numbers] = {}
-        for name in self._looks[-1][1] if self._looks else ():
-            values[name] = [e[name].held for _, e, _, _ in self._looks]
-            stds[name] = [e[name].held_std for _, e, _, _ in self._looks]
-        return Series(time=[x[0] for x in self._looks], values=values, std=stds)
-
-    def misfits(self) -> Series:
-        """How badly each balance closed."""
-        return self._over(x[2] for x in self._looks)
-
-    def probabilities(self) -> Series:
-        """Of each family."""
-        return self._over(x[3] for x in self._looks)
-
-    def _over(self, rows: Iterable[Mapping[str, float]]) -> Series:
-        rows = list(rows)
-        names = dict.fromkeys(name for row in rows for name in row)
-        return Series(time=[x[0] for x in self._looks], values={n: [r.get(n) for r in rows] for n in names})
+        return {
+            "estimates": Series(
+                time=times,
+                values={name: [look[1][name].held for look in self._looks] for name in names},
+                std={name: [look[1][name].held_std for look in self._looks] for name in names},
+            ),
+            "misfits": _series(times, [look[2] for look in self._looks]),
+            "probabilities": _series(times, [look[3] for look in self._looks]),
+            "signals": Bands(
+                time=[band * BAND_S for band, _, _ in self._bands],
+                low={_NAMES[k]: _numbers(low[k]) for k in seen},
+                high={_NAMES[k]: _numbers(high[k]) for k in seen},
+            ),
+        }
 
 
-def _numbers(column: NDArray[np.float32]) -> Numbers:
+def _series(times: list[float], rows: Sequence[Mapping[str, float]]) -> Series:
+    names = dict.fromkeys(name for row in rows for name in row)
+    return Series(time=times, values={n: [r.get(n) for r in rows] for n in names})
+
+
+def _numbers(column: _Floats) -> Numbers:
     return [None if np.isnan(v) else float(v) for v in column]

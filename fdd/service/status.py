@@ -89,26 +89,23 @@ def status_of(
         "failed" if watch.failed else "unacknowledged" if open_ else "in alarm" if live
         else "silent" if silent else "learning" if watch.learning is not None else "healthy"
     )  # fmt: skip
-    dropped = int(counters.get("dropped_samples", 0))
+    verdict = "faulty" if watch.standing else "inconclusive" if state in ("failed", "learning") else "healthy"
     return AxisStatus(
-        name=watch.name, unit=watch.unit.name, state=state,
-        headline=_headline(watch, live, silent, zone),
-        silent=silent, zone=zone, clock=watch.wall_of(0.0),
-        last_wall=watch.last_wall, lag_s=counters.get("lag_s", 0.0), samples=watch.samples,
-        rate_hz=watch.rate_hz,
-        verdict=(
-            "faulty" if watch.standing else "inconclusive" if state in ("failed", "learning") else "healthy"
-        ),
+        name=watch.name, unit=watch.unit.name, state=state, headline=_headline(watch, live, silent, zone),
+        silent=silent, zone=zone, clock=watch.wall_of(0.0), last_wall=watch.last_wall,
+        lag_s=counters.get("lag_s", 0.0), samples=watch.samples, rate_hz=watch.rate_hz, verdict=verdict,
         probabilities=watch.probabilities, estimates=watch.estimates,
-        quality=watch.quality() | {"overrun": dropped}, alarms=len(live), unacknowledged=len(open_),
+        quality=watch.quality() | {"overrun": int(counters.get("dropped_samples", 0))},
+        alarms=len(live), unacknowledged=len(open_),
         priority=max((a.priority for a in live), key=PRIORITIES.index, default=None),
     )  # fmt: skip
 
 
 def _headline(watch: AxisWatch, live: Sequence[Alarm], silent: bool, zone: str | None) -> str:
     ended = f"samples come since {_clock_time(watch.last_wall, zone)}" if silent else ""
+    also = f"; no {ended}" if silent else ""
     if watch.failed:
-        return f"{watch.failed}; no {ended}" if silent else watch.failed
+        return watch.failed + also
     if live:
         # What the last look still saw comes before what waits to return: it may have been the same fault.
         worst = max(live, key=lambda a: (a.seen >= a.time, PRIORITIES.index(a.priority), a.confidence or 0.0))
@@ -116,8 +113,7 @@ def _headline(watch: AxisWatch, live: Sequence[Alarm], silent: bool, zone: str |
         sure = "" if worst.confidence is None else f", {100 * worst.confidence:.0f} % sure"
         since = _clock_time(watch.wall_of(worst.body["onset_s"]), zone)
         gone = "" if worst.standing else "; it is gone"
-        gone += f"; no {ended}" if silent else ""
-        return f"{fault(worst.fault).title.capitalize()}{size}{sure}, since {since}{gone}"
+        return f"{fault(worst.fault).title.capitalize()}{size}{sure}, since {since}{gone}{also}"
     if silent:
         return f"No {ended}"
     if watch.learning is not None:

@@ -3,41 +3,27 @@
 from __future__ import annotations
 
 import logging
-import queue
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
-from concurrent.futures import TimeoutError as TooLate
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 from uuid import uuid4
 
 from fdd.errors import InputError
-from fdd.service.alarms import Action, Transition
-from fdd.service.bus import Event
-from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
+from fdd.service.alarms import Transition
+from fdd.service.bus import Event, Kind
+from fdd.service.store import LeaseLost, Store, Transaction
 
 LOG = logging.getLogger("fdd.service")
 BACKOFF_S = (0.1, 5.0)
 """First and longest wait before a store that failed is tried again."""
 
 
-ACT_S = 10.0
-"""Seconds that somebody waits for what he did to be stored."""
-
-
-@dataclass(frozen=True)
-class Removal:
-    """What a person does to an axis: it is watched no longer, until it sends again."""
-
-    axis: str
-    who: str
-
-
 @dataclass
 class Batch:
-    """What is stored in one transaction, and told once it is: blocks, further writes, events, acts done.
+    """What is stored in one transaction, and told once it is: blocks, further writes, events, answers.
 
     Attributes
     ----------
@@ -49,7 +35,7 @@ class Batch:
     journal: list[tuple[str, bytes]] = field(default_factory=list)
     writes: list[Callable[[Transaction], object]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
-    done: list[tuple[Future[Any], Transition | None]] = field(default_factory=list)
+    answers: list[tuple[Future[Any], Any]] = field(default_factory=list)
 
     def moved(self, transitions: Iterable[Transition]) -> None:
         """Store what happened to alarms, and tell it."""
@@ -57,9 +43,7 @@ class Batch:
             self.writes.append(partial(Transaction.transition, transition=t))
             self.told("alarm", t.alarm.axis, t.time, asdict(t), t.notify)
 
-    def told(
-        self, kind: Literal["finding", "alarm"], axis: str, when: float, body: dict[str, Any], notify: bool
-    ) -> None:
+    def told(self, kind: Kind, axis: str, when: float, body: dict[str, Any], notify: bool = True) -> None:
         """What must arrive goes through the outbox, and is told at once to whom listens."""
         for target in self.targets(kind, notify):
             send = partial(Transaction.send, kind=kind, body=body, target=target, wall=self.wall)
@@ -115,32 +99,3 @@ class Writer:
             else:
                 self.trouble = None
                 return True
-
-
-class Requests:
-    """What people do, from any thread, until the fleet has stored it."""
-
-    def __init__(self) -> None:
-        self._waiting: queue.Queue[tuple[Action | Removal, Future[Any]]] = queue.Queue()
-
-    def ask(self, action: Action | Removal) -> Any:
-        """Hand something over, and wait until it is stored.
-
-        Raises StoreTrouble: it was not in time. Exception: what the fleet says of it.
-        """
-        future: Future[Any] = Future()
-        self._waiting.put((action, future))
-        try:
-            return future.result(ACT_S)
-        except TooLate:
-            future.cancel()
-            raise StoreTrouble(
-                f"not stored within {ACT_S:g} s: the store is away, or the service is busy", mend="try again"
-            ) from None
-
-    def pending(self) -> Iterator[tuple[Action | Removal, Future[Any]]]:
-        """What is to be done now, but for that which nobody waits for any more."""
-        while not self._waiting.empty():
-            action, future = self._waiting.get()
-            if future.set_running_or_notify_cancel():
-                yield action, future

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.service.senders import until
+from tests.service.senders import free_port, until
 
 MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 needs_mosquitto = pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here")
@@ -21,9 +21,7 @@ class Broker:
     """A mosquitto that keeps its sessions on disk, or nothing."""
 
     def __init__(self, folder: Path, *settings: str, keeps: bool = True) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
+        self.port = free_port()
         self._config, self._keeps = folder / "mosquitto.conf", keeps
         self.start(*(settings or ("allow_anonymous true",)))
 

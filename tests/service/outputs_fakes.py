@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -49,9 +48,3 @@ def transition(
         "body": finding(**of_finding),
     }  # fmt: skip
     return {"action": action, "alarm": alarm, "before": "NORMAL", "wall": 1.7e9, "who": "fdd", "note": ""}
-
-
-def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])

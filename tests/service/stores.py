@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
-import socket
 import subprocess
 import tempfile
 from functools import cache
@@ -15,6 +14,7 @@ import pytest
 from sqlalchemy import create_engine, text
 
 from fdd.diagnosis.findings import FaultFinding
+from tests.service.senders import free_port
 
 WALL = 1_700_000_000.0
 LEAK = FaultFinding(
@@ -43,9 +43,7 @@ class PostgresServer:
         atexit.register(self._remove)
         if USER is not None:
             shutil.chown(self._folder, USER)
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self._port = free.getsockname()[1]
+        self._port = free_port()
         self._run("initdb", "--auth=trust", "--username=postgres", "--no-sync")
         self.start()
         self.url = f"postgresql://postgres@127.0.0.1:{self._port}/postgres"

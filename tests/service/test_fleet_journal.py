@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 from watched import blocks_of, fleet_of, send
 
-from fdd.diagnosis.model import Model
-from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.service.arrow import arrow_payload
 from fdd.service.blocks import Block, Decoder
 from fdd.service.store import Store
 from fdd.service.store.records import packed, unpacked
-from fdd.unit import Unit
 
 
 def message(block: Block, **more: object) -> bytes:
@@ -61,20 +58,6 @@ def test_blocks_of_many_axes_in_one_step_are_all_there_after_a_restart(store: St
     held = {name: watch.order.held_samples for name, watch in again._axes.items()}
     assert {s.name: s.samples + held[s.name] for s in again.axes()} == {"A1": 3300, "B2": 2200}
     assert quality["A1"]["missing_blocks"] == 0 and quality["B2"]["missing_blocks"] == 8, "two may still come"
-
-
-def test_a_fleet_that_lags_says_what_the_pipeline_says_of_the_whole(store: Store, log: Samples) -> None:
-    fleet, inbox, _ = fleet_of(store)
-    for block in blocks_of(log):
-        inbox.put(block)
-    while fleet.step(0.0):
-        pass
-    fleet.keep()
-    fresh = Pipeline(Unit.load("axis_a"), Model.load(), keep_trajectories=False).push(log)
-    assert [f.fault for f in fresh] == ["internal_leakage"], "else this shows nothing"
-    found = [(f["fault"], f["onset"], f["time"]) for f in store.findings()]
-    assert found == [(f.fault, f.onset_s, f.detected_s) for f in fresh]
-    assert fleet.axes()[0].samples == len(log)
 
 
 def test_a_state_that_another_version_packed_is_refused_in_one_line() -> None:

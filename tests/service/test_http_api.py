@@ -165,12 +165,6 @@ def test_not_a_number_is_null(client: TestClient, world: World) -> None:
     assert found["misfits"]["values"]["volume"][0] is None
 
 
-def test_metrics_are_handed_through(client: TestClient) -> None:
-    found = client.get("/metrics")
-    assert found.text == "fdd_axes 2\n"
-    assert found.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
-
-
 def test_an_alarm_of_a_state_that_is_no_more_comes_back(world: World) -> None:
     """A store of before has alarms that were out of service: they are told again, or over."""
     path = Path(world.store.where)

@@ -37,12 +37,12 @@ def test_an_axis_that_lags_loses_its_oldest_and_no_other() -> None:
         inbox.put(block("slow", number, accepted=lambda n=number: told.append(n)))
     assert inbox.problems() == ["overloaded: the oldest samples are dropped of slow"]
     inbox.put(block("fine", 0))
-    counters = inbox.counters()
+    counters = {axis: inbox.counters(axis) for axis in ("slow", "fine")}
     assert counters["slow"]["dropped_samples"] == 50
     assert counters["slow"]["lag_s"] == pytest.approx(3.0) and counters["fine"]["dropped_samples"] == 0
     assert [b.sequence for b in inbox.take(0.0) if b.axis == "slow"] == [5, 6, 7]
     assert told == [], "what is not stored is not acknowledged"
-    assert inbox.counters()["slow"]["lag_s"] == 0.0
+    assert inbox.counters("slow")["lag_s"] == 0.0
 
 
 def test_a_patient_sender_waits_for_room_and_loses_nothing() -> None:
@@ -82,8 +82,8 @@ def test_beyond_the_bytes_the_axis_that_lags_most_loses() -> None:
         inbox.put(block("short", number, seconds=0.1))
     for number in range(6):
         inbox.put(block("long", number))
-    assert inbox.counters()["short"]["dropped_samples"] == 0
-    assert inbox.counters()["long"]["dropped_samples"] == 2 * len(one.samples)
+    assert inbox.counters("short")["dropped_samples"] == 0
+    assert inbox.counters("long")["dropped_samples"] == 2 * len(one.samples)
 
 
 def test_more_axes_than_a_service_watches_are_refused() -> None:
@@ -118,7 +118,7 @@ def test_many_threads_put_and_all_is_taken_or_counted() -> None:
         taken += found
         if not found and not alive:
             break
-    counters = {a: {"dropped_samples": 0} for a in map("A{}".format, range(senders))} | inbox.counters()
+    counters = {axis: inbox.counters(axis) for axis in map("A{}".format, range(senders))}
     for k in range(senders):
         own = [b for b in taken if b.axis == f"A{k}"]
         assert [b.sequence for b in own] == sorted(b.sequence for b in own)  # type: ignore[type-var]

@@ -214,13 +214,6 @@ def test_live_counts_of_what_is_missing_are_those_of_a_log(jitter: float) -> Non
     assert (gaps.dropped, gaps.jumps) == (told.dropped_samples, told.time_jumps) == (np.unique(gone).size, 3)
 
 
-def test_silence_passes_on_what_is_held() -> None:
-    order = Order()
-    assert len(order.take([steady(None, 0.0)])) == 0 and len(order.flush()) == 10
-    assert len(order.take([steady(None, 0.1)])) == 0 and len(order.flush()) == 10
-    assert order.held_samples == 0
-
-
 @pytest.mark.parametrize("damage", ["order/known", "order/numbers", "order/held/0/time"])
 def test_a_damaged_state_is_refused_in_one_line(damage: str) -> None:
     order = Order()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from outputs_fakes import event, finding, free_port, measured, sent, transition
+from outputs_fakes import event, finding, measured, sent, transition
 from pydantic import ValidationError
 
 from fdd.errors import InputError
@@ -20,7 +20,7 @@ from fdd.service.bus import Bus
 from fdd.service.outputs import Outputs, delivery
 from fdd.service.outputs.targets import Undelivered, Webhook
 from fdd.service.store import Store
-from tests.service.senders import until
+from tests.service.senders import free_port, until
 
 SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 

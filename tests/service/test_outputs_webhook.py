@@ -15,11 +15,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from outputs_fakes import free_port, message, opened, sent, transition
+from outputs_fakes import message, opened, sent, transition
 
 from fdd.service.outputs import delivery, targets
 from fdd.service.outputs.delivery import DeliveryWorker
 from fdd.service.outputs.targets import Undelivered, Webhook
+from tests.service.senders import free_port
 
 MESSAGE = message("alarm", transition())
 SECRET = b"a key of thirty-two characters..."

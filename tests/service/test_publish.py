@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import socket
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from fdd.logs.tabular_writing import write_parquet
 from fdd.samples import Samples
 from fdd.service.order import Order
 from fdd.service.publishing import Link, sendings
+from tests.service.senders import free_port
 
 ROWS = 103
 """Of a block: the first that last 0.1 s or more. Stamps in 1024ths of a second are exact."""
@@ -62,9 +62,7 @@ def test_what_cannot_be_published_is_said_in_a_line(tmp_path: Path) -> None:
     log = tmp_path / "run.parquet"
     columns = dict.fromkeys(("position", "pump_speed"), LOG["position"][:3000])
     write_parquet(log, Samples(LOG.time[:3000], columns | {"pressure_difference": 1e6 * columns["position"]}))
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        away = f"mqtt://127.0.0.1:{free.getsockname()[1]}"
+    away = f"mqtt://127.0.0.1:{free_port()}"
     for arguments, words in (
         ([log, "--mqtt", away], "cannot be reached"),
         ([log, "--mqtt", "http://localhost"], "mqtt://[USER@]HOST[:PORT]"),

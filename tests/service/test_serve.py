@@ -35,13 +35,13 @@ from tests.service.senders import until
 
 
 @contextmanager
-def serving(config: Serve) -> Iterator[str]:
+def serving(config: Serve) -> Iterator[Service]:
     stop = threading.Event()
     service = Service(config)
     running = threading.Thread(target=service.run, args=(stop,))
     running.start()
     try:
-        yield service.address
+        yield service
     finally:
         stop.set()
         running.join(60.0)
@@ -64,7 +64,8 @@ def test_a_leak_is_told_acknowledged_and_kept(tmp_path: Path) -> None:
         "sources:\n- {type: replay, speed: max, logs: {A1: run.parquet}}\noutputs: {jsonl: told.jsonl}\n"
     )
     config = Serve.from_yaml(text, folder=tmp_path)
-    with serving(config) as address:
+    with serving(config) as service:
+        address = service.address
         (alarm,) = until(lambda: ask(f"{address}api/alarms")["alarms"])
         assert (alarm["axis"], alarm["fault"], alarm["state"]) == ("A1", "internal_leakage", "UNACK")
         ask(f"{address}api/alarms/{alarm['id']}/acknowledge", {"note": "on my way"})
@@ -75,7 +76,8 @@ def test_a_leak_is_told_acknowledged_and_kept(tmp_path: Path) -> None:
         )
         with pytest.raises(InputError, match="another fdd serve"):
             Service(config)
-    with serving(config) as address:
+    with serving(config) as service:
+        address = service.address
         (alarm,) = until(lambda: ask(f"{address}api/alarms")["alarms"])
         assert (alarm["state"], alarm["note"]) == ("ACKED", "on my way")
         done = [r["action"] for r in ask(f"{address}api/audit")["records"]]
@@ -90,7 +92,8 @@ def test_a_server_that_is_killed_meanwhile_is_told_and_nothing_is_lost(tmp_path:
         f"schema: fdd.serve/1\nfallback: axis_a\nlisten: {{port: 0}}\nstore: {url}\n"
         "sources:\n- {type: replay, speed: 10, logs: {A1: run.parquet}}\n"
     )
-    with serving(Serve.from_yaml(text, folder=tmp_path)) as address:
+    with serving(Serve.from_yaml(text, folder=tmp_path)) as service:
+        address = service.address
         samples = lambda: sum(a["samples"] for a in ask(f"{address}api/axes")["axes"])  # noqa: E731
         trouble = lambda: "store cannot be written" in str(ask(f"{address}api/health"))  # noqa: E731
         for already in (5_000, 33_000):  # before the fault, and while it is being told
@@ -232,19 +235,13 @@ def test_what_is_refused_is_told_in_log_health_and_metrics(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     text = "schema: fdd.serve/1\nlisten: {port: 0}\nsources: [{type: tcp, port: 0, name: line}]\n"
-    service, stop = Service(Serve.from_yaml(text, folder=tmp_path)), threading.Event()
-    running = threading.Thread(target=service.run, args=(stop,))
-    running.start()
-    try:
+    with serving(Serve.from_yaml(text, folder=tmp_path)) as service:
         until(service.fleet.began.is_set)
         port = until(lambda: service.fleet.sources()["line"]["port"])
         with socket.create_connection(("127.0.0.1", port)) as line:
             line.sendall(b'{"schema": "fdd.block/1", "axis": "A1", "colums": {}}\n')
         health = until(lambda: (h := ask(f"{service.address}api/health"))["problems"] and h)
         metrics = urllib.request.urlopen(f"{service.address}metrics", timeout=20).read().decode()
-    finally:
-        stop.set()
-        running.join(60.0)
     assert "source line refused messages: unknown key 'colums' in a block" in health["problems"][0]
     assert health["sources"]["line"]["refused"] == 1 and health["status"] == "degraded"
     assert 'fdd_source_refused_total{source="line"} 1.0' in metrics

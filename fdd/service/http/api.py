@@ -140,23 +140,26 @@ def router(
     def caller(request: Request, header: Header, cookie: Cookie) -> Caller | None:
         if tokens is None:
             return LOCAL
-        if (
-            token := header.credentials if header else cookie
-        ) is None and "authorization" not in request.headers:
+        token = header.credentials if header else cookie
+        if token is None and "authorization" not in request.headers:
             return None
-        if (found := tokens.caller(token or "")) is None:
+        return known(token or "")
+
+    def known(token: str) -> Caller:
+        found = None if tokens is None else tokens.caller(token)
+        if found is None:
             raise HTTPException(401, "unknown token", {"www-authenticate": "Bearer"})
         return found
 
     Known = Annotated[Caller | None, Depends(caller)]
 
     def needs(role: Role) -> Any:
-        def allowed(known: Known) -> Caller:
-            if known is None:
+        def allowed(who: Known) -> Caller:
+            if who is None:
                 raise HTTPException(401, "give a token", {"www-authenticate": "Bearer"})
-            if not known.may(role):
-                raise HTTPException(403, f"this needs the role {role}, {known.name} has {known.role}")
-            return known
+            if not who.may(role):
+                raise HTTPException(403, f"this needs the role {role}, {who.name} has {who.role}")
+            return who
 
         return Depends(allowed)
 
@@ -248,10 +251,10 @@ def router(
         return {"records": found}
 
     @api.get("/api/health", response_model_exclude_none=True)
-    def health_(known: Known) -> Health:
+    def health_(who: Known) -> Health:
         """Whether the service works; why not is told to callers with a token alone."""
         found = Health(**health(), version=fdd.__version__)
-        return found if known is not None else Health(status=found.status)
+        return found if who is not None else Health(status=found.status)
 
     @api.get("/api/events", dependencies=view, response_class=StreamingResponse)
     async def events(request: Request) -> Response:
@@ -266,9 +269,7 @@ def router(
     @api.post("/api/login")
     def login(body: Login, response: Response) -> Session:
         """Keep a token in a cookie, for the page."""
-        found = None if tokens is None else tokens.caller(body.token)
-        if found is None:
-            raise HTTPException(401, "unknown token", {"www-authenticate": "Bearer"})
+        found = known(body.token)
         response.set_cookie(
             COOKIE, body.token, max_age=COOKIE_S, httponly=True, samesite="strict", secure=secure
         )
@@ -303,10 +304,7 @@ def thinned(signals: Bands, points: int) -> Bands:
     when, out = np.array(signals.time, float), Bands()
     for name, low in signals.low.items():
         rows = (np.array(low, float), np.array(signals.high[name], float))
-        mid, least, most = envelope(when, *rows, points)
-        out.time, out.low[name], out.high[name] = mid.tolist(), _nulls(least), _nulls(most)
+        mid, *ends = envelope(when, *rows, points)
+        least, most = ([v if math.isfinite(v) else None for v in end.tolist()] for end in ends)
+        out.time, out.low[name], out.high[name] = mid.tolist(), least, most
     return out
-
-
-def _nulls(values: Any) -> list[float | None]:
-    return [v if math.isfinite(v) else None for v in values.tolist()]

@@ -10,7 +10,7 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import uvicorn
-from fastapi import FastAPI, HTTPException, Request
+from fastapi import FastAPI, HTTPException
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse, Response
 from starlette.datastructures import Headers, MutableHeaders
@@ -82,7 +82,7 @@ def web(
         own = ["localhost", "127.0.0.1", "[::1]", *hosts]
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=own, www_redirect=False)
     for kind, answer in ANSWERS.items():
-        app.add_exception_handler(kind, answer)
+        app.add_exception_handler(kind, lambda request, error, answer=answer: answer(error))
 
     @app.get("/", include_in_schema=False)
     def page() -> FileResponse:
@@ -138,26 +138,16 @@ def _problem(status: int, text: str, headers: Mapping[str, str] | None = None) -
     return JSONResponse({"error": " ".join(text.split())[:500]}, status, headers)
 
 
-def _told(request: Request, error: Any) -> Response:
-    return _problem(error.status_code, error.detail, error.headers)
-
-
-def _invalid(request: Request, error: Any) -> Response:
-    first = error.errors()[0]
-    return _problem(400, f"{'.'.join(str(part) for part in first['loc'])[:60]}: {first['msg']}")
-
-
-def _troubled(request: Request, error: Exception) -> Response:
-    return _problem(503, f"not possible now: {error}; try again", {"retry-after": "5"})
-
-
-ANSWERS: dict[type[Exception], Callable[[Request, Any], Response]] = {
-    StarletteException: _told,
-    RequestValidationError: _invalid,
-    StoreTrouble: _troubled,
-    InputError: lambda request, error: _problem(500, str(error)),
-    Exception: lambda request, error: _problem(500, "internal error"),
+ANSWERS: dict[type[Exception], Callable[[Any], Response]] = {
+    StarletteException: lambda error: _problem(error.status_code, error.detail, error.headers),
+    RequestValidationError: lambda error: _problem(
+        400, f"{'.'.join(map(str, error.errors()[0]['loc']))[:60]}: {error.errors()[0]['msg']}"
+    ),
+    StoreTrouble: lambda error: _problem(503, f"not possible now: {error}; try again", {"retry-after": "5"}),
+    InputError: lambda error: _problem(500, str(error)),
+    Exception: lambda error: _problem(500, "internal error"),
 }
+"""How what an address raises is told."""
 
 
 def words() -> Mapping[str, Any]:
@@ -219,12 +209,12 @@ class Server:
 
     def start(self, stop: threading.Event) -> threading.Thread:
         """Serve in a thread until `stop`."""
-        serving = threading.Thread(target=self._server.run, args=([self._socket],), name="http", daemon=True)
 
         def end() -> None:
             stop.wait()
             self._server.should_exit = True
 
-        serving.start()
-        threading.Thread(target=end, name="http stop", daemon=True).start()
+        serving = threading.Thread(target=self._server.run, args=([self._socket],), name="http", daemon=True)
+        for thread in (serving, threading.Thread(target=end, name="http stop", daemon=True)):
+            thread.start()
         return serving

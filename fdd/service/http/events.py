@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 
 import orjson
 from starlette.exceptions import HTTPException
@@ -47,12 +47,18 @@ class Hub:
         # Counted from here on: of many that ask at once none has begun to read.
         heard = self._bus.subscribe(most=KEPT)
         self._listeners.add(heard)
+        listeners = self._listeners
 
-        def ended() -> None:
-            self._listeners.discard(heard)
-            heard.close()
+        class Stream(StreamingResponse):
+            async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+                try:
+                    await super().__call__(scope, receive, send)
+                finally:  # whether the events were begun or not
+                    listeners.discard(heard)
+                    heard.close()
 
-        return _Stream(self._told(heard, again), ended)
+        headers = {"x-accel-buffering": "no"}
+        return Stream(self._told(heard, again), media_type="text/event-stream", headers=headers)
 
     async def _told(self, heard: Subscription, again: bool) -> AsyncIterator[bytes]:
         begun = spoke = time.monotonic()
@@ -73,18 +79,3 @@ class Hub:
                 await asyncio.sleep(LOOK_S)
                 continue
             spoke = time.monotonic()
-
-
-class _Stream(StreamingResponse):
-    """Server-sent events; `ended` is called whether they were begun or not."""
-
-    def __init__(self, events: AsyncIterator[bytes], ended: Callable[[], None]) -> None:
-        super().__init__(events, media_type="text/event-stream", headers={"x-accel-buffering": "no"})
-        self._ended = ended
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send what comes until the listener goes."""
-        try:
-            await super().__call__(scope, receive, send)
-        finally:
-            self._ended()

@@ -6,12 +6,12 @@ import random
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from fdd.service import config
 from fdd.service.alarms import STATES
-from fdd.service.bus import Bus, Kind
+from fdd.service.bus import Bus, Event, Kind
 from fdd.service.config_sources import read_secret
 from fdd.service.outputs.mqtt import MqttPublisher
 from fdd.service.outputs.recorder import Recorder
@@ -40,20 +40,26 @@ class DeliveryWorker:
 
     Attributes
     ----------
-    delivered, failed, given_up : messages and attempts so far. pending : messages that wait, at most
-        `MOST_TAKEN`. last_error : "" while all is well.
+    kinds : of the messages that it is sent. note : takes an axis's live status; None where it wants none.
+    tick : called now and then. about : more for `status`.
+    delivered, failed, given_up, lost : messages, attempts and live events so far.
+    pending : messages that wait, at most `MOST_TAKEN`. last_error : "" while all is well.
     """
 
     def __init__(self, target: str, store: Store, deliver: Callable[[OutboxMessage], None]) -> None:
         self.target, self._store, self._deliver = target, store, deliver
+        self.kinds: Sequence[Kind] = KINDS
+        self.note: Callable[[str, Mapping[str, Any]], None] | None = None
+        self.tick: Callable[[], None] = lambda: None
+        self.about: Callable[[], Mapping[str, Any]] = dict
         self._failures, self._rests_until = 0, 0.0
-        self.delivered = self.failed = self.given_up = self.pending = 0
+        self.delivered = self.failed = self.given_up = self.pending = self.lost = 0
         self.last_error = ""
 
     def status(self) -> dict[str, Any]:
         """Counts and the last error."""
-        names = ("delivered", "failed", "given_up", "pending", "last_error")
-        return {name: getattr(self, name) for name in names}
+        names = ("delivered", "failed", "given_up", "pending", "lost", "last_error")
+        return {name: getattr(self, name) for name in names} | {**self.about()}
 
     def once(self, stopped: Callable[[], bool] = lambda: False) -> None:
         """Deliver what waits, up to the first message that fails."""
@@ -67,15 +73,17 @@ class DeliveryWorker:
             try:
                 self._deliver(message)
             except Undelivered as error:
-                if not self._is_given_up(message, error):
-                    return
+                failure = error
             except Exception as error:  # one that no target can take must not stop all others for ever
-                if not self._is_given_up(message, Undelivered(f"{type(error).__name__}: {error}")):
-                    return
+                failure = Undelivered(f"{type(error).__name__}: {error}")
             else:
                 self._store.delivered(message.id)
                 self.delivered += 1
                 self._failures = 0
+                self.pending -= 1
+                continue
+            if not self._is_given_up(message, failure):
+                return
             self.pending -= 1
         self.last_error = ""
 
@@ -85,10 +93,8 @@ class DeliveryWorker:
         self.last_error = str(error)
         attempts = message.attempts + 1
         if error.final or (attempts >= MOST_ATTEMPTS and not error.down):
-            self._store.give_up(
-                message.id,
-                f"{message.kind} {message.id} never arrived at {self.target} ({attempts} attempts: {error})",
-            )
+            never = f"{message.kind} {message.id} never arrived at {self.target}"
+            self._store.give_up(message.id, f"{never} ({attempts} attempts: {error})")
             self.given_up += 1
             return True
         if not error.down:
@@ -98,17 +104,35 @@ class DeliveryWorker:
         self._rests_until = time.monotonic() + max(wait, error.wait_s)
         return False
 
+    def carry(self, bus: Bus, stop: threading.Event) -> None:
+        """Deliver what comes, and note live states, until `stop` is set."""
+        live: list[Kind] = ["status"] if self.note else []
+        events = bus.subscribe([*self.kinds, *live])
+        looked, failed = -LOOK_S, 0
+        while not stop.is_set():
+            try:
+                event = events.get(LOOK_S)
+                if event is not None and event.kind == "status":
+                    failed += not self._is_noted(event)
+                self.lost = events.lost + failed
+                told = event is not None and event.kind in self.kinds
+                if told or time.monotonic() - looked >= LOOK_S:
+                    self.tick()
+                    self.once(stop.is_set)
+                    looked = time.monotonic()
+            except Exception as error:  # the thread must outlive a store in trouble
+                self.last_error = f"{type(error).__name__}: {error}"
+                stop.wait(TROUBLE_S)
+        events.close()
 
-@dataclass
-class _Target:
-    """A target: its worker, and what it does with live states."""
-
-    worker: DeliveryWorker
-    kinds: Sequence[Kind] = KINDS
-    note: Callable[[str, Mapping[str, Any]], None] | None = None
-    tick: Callable[[], None] = lambda: None
-    about: Callable[[], Mapping[str, Any]] = dict
-    lost: int = 0
+    def _is_noted(self, event: Event) -> bool:
+        try:
+            if self.note is not None:
+                self.note(event.axis, event.data)
+        except Undelivered as error:
+            self.last_error = str(error)
+            return False
+        return True
 
 
 class Outputs:
@@ -128,7 +152,7 @@ class Outputs:
         self, settings: config.Outputs, store: Store, bus: Bus, profile_of: Callable[[str], str | None]
     ) -> None:
         self._store, self._bus = store, bus
-        self._targets: dict[str, _Target] = {}
+        self._targets: dict[str, DeliveryWorker] = {}
         self._threads: list[threading.Thread] = []
         self._mqtt: MqttPublisher | None = None
         if settings.mqtt is not None:
@@ -145,8 +169,8 @@ class Outputs:
         kept = settings.recording
         self._recorder = None if kept is None else Recorder(kept, bus, profile_of)
 
-    def _target(self, name: str, deliver: Callable[[OutboxMessage], None]) -> _Target:
-        return self._targets.setdefault(name, _Target(DeliveryWorker(name, self._store, deliver)))
+    def _target(self, name: str, deliver: Callable[[OutboxMessage], None]) -> DeliveryWorker:
+        return self._targets.setdefault(name, DeliveryWorker(name, self._store, deliver))
 
     def targets(self, kind: str, notify: bool = True) -> list[str]:
         """Whom an event of a kind is sent to: the fleet puts a message for each into the outbox.
@@ -161,10 +185,10 @@ class Outputs:
         """Begin, in threads of their own that end soon after `stop`."""
         if self._mqtt is not None:
             self._mqtt.start()
-        for target in self._targets.values():
-            self._threads.append(threading.Thread(target=self._carry, args=(target, stop), daemon=True))
+        work = [partial(target.carry, self._bus, stop) for target in self._targets.values()]
         if self._recorder is not None:
-            self._threads.append(threading.Thread(target=self._recorder.run, args=(stop,), daemon=True))
+            work.append(partial(self._recorder.run, stop))
+        self._threads = [threading.Thread(target=run, daemon=True) for run in work]
         for thread in self._threads:
             thread.start()
 
@@ -178,28 +202,5 @@ class Outputs:
 
     def status(self) -> dict[str, dict[str, Any]]:
         """Of each target delivered, failed, given_up, pending, lost, last_error; of the recorder its own."""
-        told = {n: {**t.worker.status(), "lost": t.lost, **t.about()} for n, t in self._targets.items()}
+        told = {name: target.status() for name, target in self._targets.items()}
         return told if self._recorder is None else told | {"recording": self._recorder.status()}
-
-    def _carry(self, target: _Target, stop: threading.Event) -> None:
-        live: list[Kind] = ["status"] if target.note else []
-        events = self._bus.subscribe([*target.kinds, *live])
-        looked, failed = -LOOK_S, 0
-        while not stop.is_set():
-            try:
-                event = events.get(LOOK_S)
-                if event is not None and event.kind == "status" and target.note:
-                    try:
-                        target.note(event.axis, event.data)
-                    except Undelivered as error:
-                        failed, target.worker.last_error = failed + 1, str(error)
-                target.lost = events.lost + failed
-                told = event is not None and event.kind in target.kinds
-                if told or time.monotonic() - looked >= LOOK_S:
-                    target.tick()
-                    target.worker.once(stop.is_set)
-                    looked = time.monotonic()
-            except Exception as error:  # the thread must outlive a store in trouble
-                target.worker.last_error = f"{type(error).__name__}: {error}"
-                stop.wait(TROUBLE_S)
-        events.close()

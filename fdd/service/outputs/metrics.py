@@ -29,34 +29,38 @@ UNITS = {
 
 Statuses = Mapping[str, Mapping[str, Any]]
 _Rows = Iterable[tuple[tuple[str, ...], float | None]]
-_Metrics = dict[str, tuple[type[GaugeMetricFamily] | type[CounterMetricFamily], str, str]]
+_Metrics = dict[str, tuple[str, str]]
+# Counters by their keys; all others are gauges.
+_COUNTED = {
+    "samples", "dropped", "received", "refused", "reconnects",
+    "delivered", "failed", "given_up", "lost", "files", "lost_blocks",
+}  # fmt: skip
 _AXES: _Metrics = {
-    "up": (GaugeMetricFamily, "fdd_axis_up", "1 while an axis sends and is diagnosed."),
-    "samples": (CounterMetricFamily, "fdd_samples", "Samples taken."),
-    "dropped": (CounterMetricFamily, "fdd_dropped_samples", "Samples lost on the way."),
-    "lag": (GaugeMetricFamily, "fdd_block_lag_seconds", "How far the diagnosis is behind."),
-    "rate": (GaugeMetricFamily, "fdd_sample_rate_hertz", "Samples a second."),
-    "last": (GaugeMetricFamily, "fdd_last_sample_timestamp_seconds", "Unix time of the last sample."),
+    "up": ("fdd_axis_up", "1 while an axis sends and is diagnosed."),
+    "samples": ("fdd_samples", "Samples taken."),
+    "dropped": ("fdd_dropped_samples", "Samples lost on the way."),
+    "lag": ("fdd_block_lag_seconds", "How far the diagnosis is behind."),
+    "rate": ("fdd_sample_rate_hertz", "Samples a second."),
+    "last": ("fdd_last_sample_timestamp_seconds", "Unix time of the last sample."),
 }
 for _name, _unit in UNITS.items():
     _title = _name.replace("_", " ").capitalize()
-    _AXES[_name] = GaugeMetricFamily, f"fdd_{_name}_{_unit}", f"{_title}."
-    _std = f"fdd_{_name}_stddev_{_unit}", f"{_title}, standard deviation."
-    _AXES[f"{_name}_std"] = (GaugeMetricFamily, *_std)
+    _AXES[_name] = f"fdd_{_name}_{_unit}", f"{_title}."
+    _AXES[f"{_name}_std"] = f"fdd_{_name}_stddev_{_unit}", f"{_title}, standard deviation."
 _SOURCES: _Metrics = {
-    "connected": (GaugeMetricFamily, "fdd_source_connected", "1 while a source can be read."),
-    "received": (CounterMetricFamily, "fdd_source_blocks", "Blocks taken."),
-    "refused": (CounterMetricFamily, "fdd_source_refused", "Messages that cannot be used."),
-    "reconnects": (CounterMetricFamily, "fdd_source_reconnects", "Connections made anew."),
+    "connected": ("fdd_source_connected", "1 while a source can be read."),
+    "received": ("fdd_source_blocks", "Blocks taken."),
+    "refused": ("fdd_source_refused", "Messages that cannot be used."),
+    "reconnects": ("fdd_source_reconnects", "Connections made anew."),
 }
 _OUTPUTS: _Metrics = {
-    "delivered": (CounterMetricFamily, "fdd_output_delivered", "Messages delivered."),
-    "failed": (CounterMetricFamily, "fdd_output_failures", "Attempts that failed."),
-    "given_up": (CounterMetricFamily, "fdd_output_given_up", "Messages given up."),
-    "lost": (CounterMetricFamily, "fdd_output_lost_events", "Live events lost."),
-    "pending": (GaugeMetricFamily, "fdd_output_pending", "Messages that wait."),
-    "files": (CounterMetricFamily, "fdd_output_recordings", "Recordings written."),
-    "lost_blocks": (CounterMetricFamily, "fdd_output_lost_blocks", "Blocks the recorder lost."),
+    "delivered": ("fdd_output_delivered", "Messages delivered."),
+    "failed": ("fdd_output_failures", "Attempts that failed."),
+    "given_up": ("fdd_output_given_up", "Messages given up."),
+    "lost": ("fdd_output_lost_events", "Live events lost."),
+    "pending": ("fdd_output_pending", "Messages that wait."),
+    "files": ("fdd_output_recordings", "Recordings written."),
+    "lost_blocks": ("fdd_output_lost_blocks", "Blocks the recorder lost."),
 }
 
 
@@ -98,16 +102,30 @@ class Metrics(Collector):
         yield GaugeMetricFamily("fdd_axes", "Axes that are watched.", len(axes))
         omitted = max(0, len(axes) - MOST_AXES)
         yield GaugeMetricFamily("fdd_axes_omitted", "Axes beyond the bound, without metrics.", omitted)
-        build = GaugeMetricFamily("fdd_build_info", "Version of fdd.", labels=["version"])
-        build.add_metric([__version__], 1)
-        yield build
+        yield _gauge("fdd_build_info", "Version of fdd.", ["version"], [((__version__,), 1)])
         yield CounterMetricFamily("fdd_store_errors", "Failures of the store.", self._store_errors())
-        yield from _of_axes(axes[:MOST_AXES])
+        axes = axes[:MOST_AXES]
+        yield from _of({axis.name: _figures(axis) for axis in axes}, "axis", _AXES)
+        states = [
+            ((a.name, s), a.state == s or (s == "silent" and a.silent))
+            for a in axes
+            for s in get_args(AxisState)
+        ]
+        yield _gauge("fdd_axis_state", "1 for the state an axis is in.", ["axis", "state"], states)
+        chances = [((a.name, f), a.probabilities.get(f)) for a in axes for f in FAMILIES]
+        yield _gauge(
+            "fdd_fault_probability", "Probability of a family of faults.", ["axis", "family"], chances
+        )
+        known = [((a.name, q), e.observable) for a in axes for q, e in a.estimates.items() if q in UNITS]
+        yield _gauge("fdd_estimate_observable", "1 while it can be estimated.", ["axis", "quantity"], known)
         # A store in trouble must not take the other metrics away, nor tell of no alarms.
         with suppress(Exception):
-            yield _alarms(self._alarms(), {axis.name for axis in axes[:MOST_AXES]})
-        yield from _counted(self._sources(), "source", _SOURCES)
-        yield from _counted(self._outputs(), "target", _OUTPUTS)
+            names, labels = {axis.name for axis in axes}, ["axis", "family", "state", "priority"]
+            standing = (alarm for alarm in self._alarms() if alarm["axis"] in names)
+            counts = Counter(tuple(alarm[label] for label in labels) for alarm in standing)
+            yield _gauge("fdd_alarms", "Alarms that stand.", labels, counts.items())
+        yield from _of(self._sources(), "source", _SOURCES)
+        yield from _of(self._outputs(), "target", _OUTPUTS)
 
 
 def _figures(axis: AxisStatus) -> dict[str, float | None]:
@@ -122,36 +140,17 @@ def _figures(axis: AxisStatus) -> dict[str, float | None]:
     }  # fmt: skip
 
 
-def _of_axes(axes: Sequence[AxisStatus]) -> Iterable[Metric]:
-    yield from _counted({axis.name: _figures(axis) for axis in axes}, "axis", _AXES)
-    is_in = lambda a, s: a.state == s or (s == "silent" and a.silent)  # noqa: E731
-    states = [((a.name, s), is_in(a, s)) for a in axes for s in get_args(AxisState)]
-    yield _gauge("fdd_axis_state", "1 for the state an axis is in.", ("axis", "state"), states)
-    chances = [((a.name, f), a.probabilities.get(f)) for a in axes for f in FAMILIES]
-    yield _gauge("fdd_fault_probability", "Probability of a family of faults.", ("axis", "family"), chances)
-    known = [((a.name, q), e.observable) for a in axes for q, e in a.estimates.items() if q in UNITS]
-    yield _gauge("fdd_estimate_observable", "1 while it can be estimated.", ("axis", "quantity"), known)
-
-
-def _gauge(name: str, help: str, labels: Sequence[str], rows: _Rows) -> Metric:
-    return _filled(GaugeMetricFamily(name, help, labels=labels), rows)
-
-
-def _filled(metric: GaugeMetricFamily | CounterMetricFamily, rows: _Rows) -> Metric:
-    for labels, value in rows:
-        if value is not None and math.isfinite(value):
-            metric.add_metric(labels, value)
-    return metric
-
-
-def _alarms(alarms: Sequence[Mapping[str, Any]], axes: set[str]) -> Metric:
-    labels = ("axis", "family", "state", "priority")
-    counts = Counter(tuple(alarm[label] for label in labels) for alarm in alarms if alarm["axis"] in axes)
-    return _gauge("fdd_alarms", "Alarms that stand.", labels, counts.items())
-
-
-def _counted(statuses: Statuses, label: str, metrics: _Metrics) -> Iterable[Metric]:
+def _of(statuses: Statuses, label: str, metrics: _Metrics) -> Iterable[Metric]:
     """One metric for each key of the statuses, by the name of what has it."""
-    for key, (family, name, help) in metrics.items():
+    for key, (name, help) in metrics.items():
         rows = (((what,), status.get(key)) for what, status in statuses.items())
-        yield _filled(family(name, help, labels=[label]), rows)
+        yield _gauge(name, help, [label], rows, CounterMetricFamily if key in _COUNTED else GaugeMetricFamily)
+
+
+def _gauge(name: str, help: str, labels: list[str], rows: _Rows, kind: Any = GaugeMetricFamily) -> Metric:
+    metric = kind(name, help, labels=labels)
+    for values, value in rows:
+        if value is not None and math.isfinite(value):
+            metric.add_metric(values, value)
+    found: Metric = metric
+    return found

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import orjson
-from paho.mqtt.client import Client, MQTTMessageInfo
+from paho.mqtt.client import MQTTMessageInfo
 
 from fdd.service.config import MqttOutput
 from fdd.service.outputs.targets import Undelivered
@@ -45,8 +46,7 @@ class MqttPublisher:
         client.will_set(f"{config.prefix}/status", b"offline", qos=1, retain=True)
         client.max_queued_messages_set(MOST_QUEUED)
         client.reconnect_delay_set(1, 60)
-        client.on_connect = self._on_connect
-        client.on_disconnect = self._on_disconnect
+        client.on_connect, client.on_disconnect = self._connected, self._disconnected
 
     def start(self) -> None:
         """Connect, now or as soon as the broker is there."""
@@ -56,7 +56,7 @@ class MqttPublisher:
     def stop(self) -> None:
         """Say so, and disconnect."""
         if self._client.is_connected():
-            _acknowledged(self._publish("status", b"offline"), 1.0)
+            _is_acknowledged(self._publish("status", b"offline"), 1.0)
         self._client.disconnect()
         self._client.loop_stop()
 
@@ -77,7 +77,7 @@ class MqttPublisher:
         else:
             topic = f"axis/{message.body['axis']}/{message.kind}"
             info = self._publish(topic, orjson.dumps(message.body), retain=False)
-        if not _acknowledged(info, ACKNOWLEDGED_S):
+        if not _is_acknowledged(info, ACKNOWLEDGED_S):
             raise Undelivered("not acknowledged by the broker", down=True)
 
     def note(self, axis: str, state: Mapping[str, Any]) -> None:
@@ -109,22 +109,21 @@ class MqttPublisher:
     def _publish(self, topic: str, payload: bytes, *, retain: bool = True) -> MQTTMessageInfo:
         return self._client.publish(f"{self._config.prefix}/{topic}", payload, qos=1, retain=retain)
 
-    def _on_connect(self, client: Client, _user: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+    def _connected(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
         if reason.is_failure:
             self.last_error = f"the broker refuses the connection: {reason}"
-            return
-        self.connections, self.last_error = self.connections + 1, ""
-        self._publish("status", b"online")
+        else:
+            self.connections, self.last_error = self.connections + 1, ""
+            self._publish("status", b"online")
 
-    def _on_disconnect(self, client: Client, _user: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+    def _disconnected(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
         # After a refusal its reason says more than that the link went.
         if reason.is_failure and not self.last_error:
             self.last_error = f"disconnected: {reason}"
 
 
-def _acknowledged(info: MQTTMessageInfo, seconds: float) -> bool:
-    try:
+def _is_acknowledged(info: MQTTMessageInfo, seconds: float) -> bool:
+    with suppress(ValueError, RuntimeError):
         info.wait_for_publish(seconds)
         return info.is_published()
-    except (ValueError, RuntimeError):
-        return False
+    return False

@@ -142,10 +142,9 @@ class Recorder:
         oldest = last - self._config.before - LATE_S
         if axis.running:
             oldest = min(oldest, axis.running.start)
-        while len(axis.ring) > 1:
-            full = not axis.running and axis.size > MOST_BYTES
-            if axis.ring[0].time[-1] >= oldest and not full:
-                break
+        while len(axis.ring) > 1 and (
+            axis.ring[0].time[-1] < oldest or (not axis.running and axis.size > MOST_BYTES)
+        ):
             axis.size -= _bytes(axis.ring.popleft())
         while axis.statuses and axis.statuses[0]["time"] < oldest:
             axis.statuses.popleft()
@@ -173,10 +172,10 @@ class Recorder:
         wall = max(0.0, start + run.offset)
         faults = _faults(run.alarms, start, wall)
         answer = {"schema": "fdd.recording/1", "axis": name, "faults": faults, "alarms": run.alarms}
+        statuses = [s for s in axis.statuses if s["time"] >= start]
         try:
             write_annotated(
-                run.path, Samples(samples.time - start, samples.columns),
-                _trajectories([s for s in axis.statuses if s["time"] >= start], start),
+                run.path, Samples(samples.time - start, samples.columns), _trajectories(statuses, start),
                 json.dumps(answer), axis=plain(name), unit_yaml=self._profile_of(name),
                 start_ns=round(wall * 1e9),
             )  # fmt: skip
@@ -184,8 +183,7 @@ class Recorder:
         except (InputError, OSError) as error:
             self.last_error = str(error)
         else:
-            self.files += 1
-            self.last_error = ""
+            self.files, self.last_error = self.files + 1, ""
 
 
 def _bytes(samples: Samples) -> int:
@@ -256,9 +254,7 @@ def keep_within(folder: Path, most_bytes: int, newest: Path) -> None:
                 files.append((about.st_mtime_ns, about.st_size, path))
     size = sum(bytes_ for _, bytes_, _ in files)
     for _, bytes_, path in sorted(files):
-        if size <= most_bytes:
-            return
-        if path != newest:
+        if size > most_bytes and path != newest:
             with suppress(OSError):
                 path.unlink()
                 size -= bytes_

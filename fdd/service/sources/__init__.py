@@ -9,6 +9,8 @@ from fdd.logs.channel_map import ChannelMap
 from fdd.service.config_sources import AnySource, FolderSource, MqttSource, ReplaySource, TcpSource, UdpSource
 from fdd.service.sources.source import Source
 
+__all__ = ["Source", "open_source"]
+
 
 def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: True) -> Source:
     """The source that a part of `serve.yaml` describes; its map is read.
@@ -28,13 +30,11 @@ def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: Tru
     """
     # Here: a service without MQTT needs no paho, and one without logs no readers of them.
     channel_map = None if config.map is None else ChannelMap.load(config.map)
-    if isinstance(config, FolderSource):
-        from fdd.service.sources.logs import Folder
+    if isinstance(config, FolderSource | ReplaySource):
+        from fdd.service.sources.logs import Folder, Replays
 
-        return Folder(config, channel_map)
-    if isinstance(config, ReplaySource):
-        from fdd.service.sources.logs import Replays
-
+        if isinstance(config, FolderSource):
+            return Folder(config, channel_map)
         return Replays(config, channel_map)
     if isinstance(config, MqttSource):
         try:
@@ -49,6 +49,3 @@ def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: Tru
     if isinstance(config, UdpSource):
         return Datagrams(config, channel_map)
     return StandardInput(config, channel_map)
-
-
-__all__ = ["Source", "open_source"]

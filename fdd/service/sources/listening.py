@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from fdd.bounds import MAX_BLOCK_BYTES, MOST_AXES, MOST_PENDING
+from fdd.bounds import MAX_LINE_BYTES, MOST_AXES, MOST_PENDING
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
+from fdd.monitor.lines import split_lines
 from fdd.monitor.mapping import all_numbers, channels_in_si, column_of_rows
 from fdd.samples import Samples
 from fdd.service.arrow import ARROW_START
@@ -32,38 +33,37 @@ _ON_THEIR_WAY = 32
 """Blocks of one connection that may wait for the fleet."""
 
 
-class _Listener(Source):
-    """A source of lines, of which each is a block message or a sample."""
+class Listener(Source):
+    """A source of messages, each a block or a sample ``{"axis": "A1", "time": 0, "position": 0}``."""
 
     def __init__(self, config: TcpSource | UdpSource | StdinSource, channel_map: ChannelMap | None) -> None:
         super().__init__(config, Decoder(channel_map))
-        self._axis, self.port = config.axis, getattr(config, "port", None)
+        self._axis, self.port = config.axis, getattr(config, "port", 0)
+
+    def _bound(self, config: TcpSource | UdpSource, kind: socket.SocketKind) -> socket.socket:
+        where = f"{config.type} {config.host}:{config.port}"
+        bound = bound_socket(config.host, config.port, where, "name a free port", kind)
+        bound.settimeout(GATHERED_S)
+        self.port = bound.getsockname()[1]
+        self._set(port=self.port)
+        return bound
 
 
 class _Feed:
-    """One connection's lines to blocks; a sample is ``{"axis": "A1", "time": 0, "position": 0}``.
+    """One connection's messages to blocks.
 
     Parameters
     ----------
     stop : ends a wait. window : how many blocks may be on their way; None where the sender cannot wait.
     """
 
-    def __init__(self, source: _Listener, stop: threading.Event, window: Window | None = None) -> None:
+    def __init__(self, source: Listener, stop: threading.Event, window: Window | None = None) -> None:
         self._source, self._stop, self._window = source, stop, window
-        self._more: dict[str, Any] = {"patient": window is not None}
+        self._more: dict[str, Any] = {}
         if window is not None:
-            self._more["accepted"] = window.accepted
-        self._tail, self._overlong = bytearray(), False  # the rest of a line without end is forgotten
+            self._more = {"patient": True, "accepted": window.accepted}
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._pending, self._since = 0, time.monotonic()
-
-    def stream(self, chunk: bytes) -> None:
-        """Some bytes of a stream, which is cut to lines of bounded length."""
-        *whole, rest = chunk.split(b"\n")
-        for line in whole:
-            self._line(line)
-            self._end_line()
-        self._line(rest)
 
     def pump(self, read: Callable[[], bytes], idle: float = math.inf) -> str:
         """Read to the stream's end, `stop` or `idle` s of silence; which of them ("end", "stop", "silent").
@@ -72,46 +72,38 @@ class _Feed:
         ----------
         read : gives b"" at the end; raises TimeoutError where nothing comes for a moment.
         """
-        heard, why = time.monotonic(), "stop"
+        heard, tail = time.monotonic(), b""
         try:
             while not self._stop.is_set():
                 try:
                     chunk = read()
                 except TimeoutError:
                     if time.monotonic() - heard > idle:
-                        why = "silent"
-                        break
+                        return "silent"
                 else:
                     if not chunk:
-                        why = "end"
-                        break
-                    self.stream(chunk)
+                        return "end"
+                    tail = self._lines(tail, chunk)
                     heard = time.monotonic()
                 self.flush_if_due()
+            return "stop"
         finally:
-            self._end_line()
+            self._lines(tail, b"", ended=True)
             self.flush()
-        return why
 
-    def _line(self, part: bytes) -> None:
-        if not self._overlong:
-            self._tail += part
-            self._overlong = len(self._tail) > MAX_BLOCK_BYTES
-            if self._overlong:
-                self._tail.clear()
-
-    def _end_line(self) -> None:
-        if self._overlong:
-            problem = f"a line of more than {MAX_BLOCK_BYTES} bytes"
-            self._source._refuse(InputError(problem, mend="end each message with a line feed"))
-        elif self._tail.strip():
-            self.take(bytes(self._tail))
-        self._tail.clear()
-        self._overlong = False
+    def _lines(self, tail: bytes, chunk: bytes, ended: bool = False) -> bytes:
+        """Take the whole lines of what came; the rest."""
+        lines, tail, overlong = split_lines(tail, chunk, ended)
+        for line in lines:
+            self.take(line)
+        for _ in range(overlong):
+            problem = f"a line of more than {MAX_LINE_BYTES} bytes"
+            self._source.refuse(InputError(problem, mend="end each message with a line feed"))
+        return tail
 
     def take(self, line: bytes) -> None:
         """One line or one datagram; what is wrong with it is counted and told."""
-        decoder, name = self._source._decoder, self._source.name
+        decoder, name = self._source.decoder, self._source.name
         try:
             if line.startswith(ARROW_START):
                 block = decoder.decode(line, name, **self._more)
@@ -124,7 +116,22 @@ class _Feed:
             self.flush()  # samples that came before
             self._give(block)
         except InputError as error:
-            self._source._refuse(error)
+            self._source.refuse(error)
+
+    def _gather(self, sample: dict[str, Any]) -> None:
+        axis = axis_name(sample.get("axis", self._source._axis))
+        if not all_numbers(sample, self._source.decoder.keys):
+            problem = f"axis {axis}: a sample with something else than numbers"
+            raise InputError(problem, mend="send null for none")
+        if axis not in self._rows and len(self._rows) >= MOST_AXES:
+            raise InputError(f"axis {axis}: more than {MOST_AXES} axes in {GATHERED_S} s")
+        if not self._pending:
+            self._since = time.monotonic()
+        self._rows.setdefault(axis, []).append(sample)
+        self._pending += 1
+        if self._pending >= MOST_PENDING:
+            self.flush()
+        self.flush_if_due()
 
     def flush_if_due(self) -> None:
         """Give the samples that were gathered long enough."""
@@ -136,59 +143,35 @@ class _Feed:
         rows, self._rows, self._pending = self._rows, {}, 0
         for axis, samples in rows.items():
             try:
-                for block in self._blocks(axis, samples):
-                    self._give(block)
+                self._give_samples(axis, samples)
             except InputError as error:
-                self._source._refuse(error)
+                self._source.refuse(error)
 
-    def _gather(self, sample: dict[str, Any]) -> None:
-        axis = axis_name(sample.get("axis", self._source._axis))
-        if not all_numbers(sample, self._source._decoder.keys):
-            raise InputError(
-                f"axis {axis}: a sample with something else than numbers", mend="send null for none"
-            )
-        if axis not in self._rows and len(self._rows) >= MOST_AXES:
-            raise InputError(f"axis {axis}: more than {MOST_AXES} axes in {GATHERED_S} s")
-        if not self._pending:
-            self._since = time.monotonic()
-        self._rows.setdefault(axis, []).append(sample)
-        self._pending += 1
-        if self._pending >= MOST_PENDING:
-            self.flush()
-        self.flush_if_due()
-
-    def _blocks(self, axis: str, rows: list[dict[str, Any]]) -> list[Block]:
-        """One block, or several where stamps go back: the axis's order sees to these."""
+    def _give_samples(self, axis: str, rows: list[dict[str, Any]]) -> None:
+        """As one block, or several where stamps go back: the axis's order sees to these."""
+        source = self._source
         with np.errstate(over="ignore"):
-            columns = channels_in_si(self._source._decoder.sources, lambda key: column_of_rows(rows, key))
-        time_ = columns.pop("time", np.full(len(rows), np.nan))
-        stamped = np.isfinite(time_)
+            columns = channels_in_si(source.decoder.sources, lambda key: column_of_rows(rows, key))
+        stamps = columns.pop("time", np.full(len(rows), np.nan))
+        stamped = np.isfinite(stamps)
         for _ in range(int((~stamped).sum())):
-            self._source._refuse(InputError(f"axis {axis}: a sample without a time", mend='send "time" in s'))
-        time_ = time_[stamped]
+            source.refuse(InputError(f"axis {axis}: a sample without a time", mend='send "time" in s'))
+        stamps = stamps[stamped]
         columns = {n: np.where(np.isinf(v), np.nan, v)[stamped] for n, v in columns.items()}
-        if time_.size and not columns:
-            raise InputError(
-                f"axis {axis}: samples without a channel", mend="name keys as channels, or give a map"
-            )
-        cuts = np.flatnonzero(np.diff(time_) <= 0.0) + 1
-        parts = [p for p in np.split(np.arange(time_.size), cuts) if p.size]
-        samples = [Samples(time_[part], {n: v[part] for n, v in columns.items()}) for part in parts]
-        return [Block(axis, s, None, self._source.name, time.time(), **self._more) for s in samples]
+        if stamps.size and not columns:
+            problem = f"axis {axis}: samples without a channel"
+            raise InputError(problem, mend="name keys as channels, or give a map")
+        cuts = np.flatnonzero(np.diff(stamps) <= 0.0) + 1
+        for part in np.split(np.arange(stamps.size), cuts) if stamps.size else ():
+            samples = Samples(stamps[part], {n: v[part] for n, v in columns.items()})
+            self._give(Block(axis, samples, None, source.name, time.time(), **self._more))
 
     def _give(self, block: Block) -> None:
         if self._window is None or self._window.wait(self._stop):
-            self._source._take(block)
+            self._source.take(block)
 
 
-def _bound(config: TcpSource | UdpSource, kind: socket.SocketKind) -> socket.socket:
-    where = f"{config.type} {config.host}:{config.port}"
-    bound = bound_socket(config.host, config.port, where, "name a free port", kind)
-    bound.settimeout(GATHERED_S)
-    return bound
-
-
-class TcpLines(_Listener):
+class TcpLines(Listener):
     """A TCP port that takes JSON lines; a sender that is too fast is made to wait."""
 
     def __init__(self, config: TcpSource, channel_map: ChannelMap | None) -> None:
@@ -197,14 +180,13 @@ class TcpLines(_Listener):
         self._open: set[socket.socket] = set()
 
     def _begin(self, stop: threading.Event) -> None:
-        listener = _bound(self._config, socket.SOCK_STREAM)
+        listener = self._bound(self._config, socket.SOCK_STREAM)
         listener.listen()
-        self.port = listener.getsockname()[1]
         self._run(self._accept, listener, stop)
 
     def status(self) -> dict[str, Any]:
         """How it stands; `connections` are those that are open now."""
-        return {**super().status(), "port": self.port, "connections": len(self._open)}
+        return {**super().status(), "connections": len(self._open)}
 
     def _accept(self, listener: socket.socket, stop: threading.Event) -> None:
         with listener:
@@ -218,18 +200,18 @@ class TcpLines(_Listener):
                     stop.wait(1.0)
                     continue
                 if len(self._open) >= self._config.connections:
-                    self._refuse(InputError(f"{peer[0]}: more than {self._config.connections} connections"))
+                    self.refuse(InputError(f"{peer[0]}: more than {self._config.connections} connections"))
                     connection.close()
                     continue
                 self._open.add(connection)
                 self._spawn(self._serve, connection, peer[0], stop)
 
     def _serve(self, connection: socket.socket, peer: str, stop: threading.Event) -> None:
-        feed = _Feed(self, stop, Window(_ON_THEIR_WAY))
         try:
             connection.settimeout(GATHERED_S)
-            if feed.pump(lambda: connection.recv(_READ), self._config.idle) == "silent":
-                self._told(f"{peer}: silent for {self._config.idle:g} s, closed")
+            feed, idle = _Feed(self, stop, Window(_ON_THEIR_WAY)), self._config.idle
+            if feed.pump(lambda: connection.recv(_READ), idle) == "silent":
+                self._told(f"{peer}: silent for {idle:g} s, closed")
         except OSError as error:
             self._told(f"{peer}: connection lost ({error.strerror or error})")
         finally:
@@ -237,7 +219,7 @@ class TcpLines(_Listener):
             connection.close()
 
 
-class Datagrams(_Listener):
+class Datagrams(Listener):
     """A UDP port that takes a message, a block or a sample, in each datagram."""
 
     def __init__(self, config: UdpSource, channel_map: ChannelMap | None) -> None:
@@ -245,15 +227,10 @@ class Datagrams(_Listener):
         self._config = config
 
     def _begin(self, stop: threading.Event) -> None:
-        bound = _bound(self._config, socket.SOCK_DGRAM)
+        bound = self._bound(self._config, socket.SOCK_DGRAM)
         # A hundred axes may send in one instant; the system grants what it allows.
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED_BYTES)
-        self.port = bound.getsockname()[1]
         self._run(self._receive, bound, stop)
-
-    def status(self) -> dict[str, Any]:
-        """How it stands."""
-        return {**super().status(), "port": self.port}
 
     def _receive(self, bound: socket.socket, stop: threading.Event) -> None:
         feed = _Feed(self, stop)
@@ -269,7 +246,7 @@ class Datagrams(_Listener):
         feed.flush()
 
 
-class StandardInput(_Listener):
+class StandardInput(Listener):
     """JSON lines on standard input, to its end; `ended` of the status tells that all was read."""
 
     def _begin(self, stop: threading.Event) -> None:

@@ -51,6 +51,10 @@ class Done(BaseModel):
     whole: bool = False
     error: str | None = None
 
+    def is_of(self, stat: os.stat_result) -> bool:
+        """Whether it is of a file as it stands now."""
+        return (self.size, self.changed_ns) == (stat.st_size, stat.st_mtime_ns)
+
 
 class _Note(BaseModel):
     model_config = ConfigDict(extra="forbid")
@@ -68,33 +72,34 @@ class Folder(Source):
 
     def __init__(self, config: FolderSource, channel_map: ChannelMap | None) -> None:
         super().__init__(config)
-        self._config, self._map = config, channel_map
-        self._note_path = config.folder / NOTE
-        self._note = _Note()
+        self._config, self._folder, self._map = config, config.folder, channel_map
+        self._note_path, self._note = config.folder / NOTE, _Note()
         # Size and time of change of files that are not known to be whole, and since when (s).
         self._seen: dict[Path, tuple[int, int, float]] = {}
 
     def check(self) -> None:
         """Refuse a folder that is missing, or cannot be written."""
-        if not self._config.folder.is_dir():
-            raise InputError(
-                "no such folder", where=self._config.folder, mend="make it, or correct the source"
-            )
+        if not self._folder.is_dir():
+            raise InputError("no such folder", where=self._folder, mend="make it, or correct the source")
         require_writable(self._note_path)
 
     def _begin(self, stop: threading.Event) -> None:
         self.check()
-        self._note = _read_note(self._note_path)
+        path, mend = self._note_path, "remove it, and all logs of the folder are read again"
+        if path.exists():
+            if path.stat().st_size > MAX_DONE_BYTES:
+                raise InputError(f"more than {MAX_DONE_BYTES} bytes", where=path, mend=mend)
+            try:
+                self._note = _Note.model_validate(json.loads(path.read_bytes()))
+            except (OSError, ValueError, ValidationError, RecursionError):
+                raise InputError("not a note of what is done", where=path, mend=mend) from None
         self._run(self._watch, stop)
 
     def status(self) -> dict[str, Any]:
         """How it stands; `files` read whole, `bad_files` that could not be."""
         files = list(self._note.files.values())
-        return {
-            **super().status(),
-            "files": sum(f.whole for f in files),
-            "bad_files": sum(f.error is not None for f in files),
-        }
+        bad = sum(f.error is not None for f in files)
+        return {**super().status(), "files": sum(f.whole for f in files), "bad_files": bad}
 
     def _watch(self, stop: threading.Event) -> None:
         while not stop.is_set():
@@ -105,14 +110,17 @@ class Folder(Source):
                     self._work(path, found, stop)
                 self._set(connected=True)
             except OSError as error:  # a network folder that went away comes back
-                self._told(f"{self._config.folder}: {error.strerror or error}")
+                self._told(f"{self._folder}: {error.strerror or error}")
                 self._set(connected=False)
             stop.wait(self._config.every)
 
     def _whole_files(self) -> list[tuple[Path, os.stat_result]]:
-        """New files at rest, the longest unchanged first."""
+        """New plain files at rest in the folder and its direct subfolders, the longest unchanged first."""
         now, seen, found = time.monotonic(), {}, []
-        for path in _files(self._config.folder):
+        entries = [e for e in os.scandir(self._folder) if not e.name.startswith(".")]
+        for folder in [e for e in entries if e.is_dir(follow_symlinks=False)]:
+            entries += [e for e in os.scandir(folder) if not e.name.startswith(".")]
+        for path in [Path(e.path) for e in entries if e.is_file()]:
             try:
                 self._key(path).encode()
                 stat = path.stat()
@@ -122,7 +130,7 @@ class Folder(Source):
                 self._told(InputError("a name that is not UTF-8, passed over", where=ascii(path.name)))
                 continue
             known = self._note.files.get(self._key(path))
-            if known is not None and (known.whole or known.error is not None) and _same(known, stat):
+            if known is not None and (known.whole or known.error is not None) and known.is_of(stat):
                 continue
             size, changed, since = self._seen.get(path, (-1, -1, now))
             if (size, changed) != (stat.st_size, stat.st_mtime_ns):
@@ -135,31 +143,30 @@ class Folder(Source):
         return sorted(found, key=lambda f: (f[1].st_mtime_ns, f[0].name))
 
     def _work(self, path: Path, found: os.stat_result, stop: threading.Event) -> None:
-        key = self._key(path)
-        done = self._note.files.get(key)
-        if done is None or not _same(done, found):
-            done = self._note.files[key] = Done(size=found.st_size, changed_ns=found.st_mtime_ns)
+        done = self._note.files.get(self._key(path))
+        if done is None or not done.is_of(found):
+            done = self._note.files[self._key(path)] = Done(size=found.st_size, changed_ns=found.st_mtime_ns)
         try:
             log = read_log(path, self._map)
-            axis = axis_name(self._config.axis or log.axis or self._subfolder(path))
-            if not _same(done, path.stat()):
+            inside = None if path.parent == self._folder else path.parent.name
+            axis = axis_name(self._config.axis or log.axis or inside)
+            if not done.is_of(path.stat()):
                 return  # it was written to while it was read
             samples = log.samples
             if log.start_ns:
                 samples = Samples(samples.time + log.start_ns * 1e-9, samples.columns)
-            done.whole = self._stream(axis, samples, done, stop)
+            self._stream(axis, samples, done, stop)
         except InputError as error:
             told = error if error.where == str(path) else error.at(path)
             done.error = str(told)
-            self._refuse(told)
+            self.refuse(told)
         self._write_note()
 
-    def _stream(self, axis: str, samples: Samples, done: Done, stop: threading.Event) -> bool:
-        """Put the blocks that were not accepted yet; True when all of them are."""
+    def _stream(self, axis: str, samples: Samples, done: Done, stop: threading.Event) -> None:
+        """Put the blocks that were not accepted yet."""
         rows, first, window = rows_of(samples), done.accepted, Window(ON_THEIR_WAY)
-        noted = time.monotonic()
+        noted, sent = time.monotonic(), first
         parts = samples.rows(first * rows, len(samples)).blocks(rows)
-        sent = first
         for number in self._take_all(axis, parts, first, window, stop):
             sent = number + 1
             # Blocks are accepted in order: all but those on their way were.
@@ -169,53 +176,18 @@ class Folder(Source):
                 noted = time.monotonic()
         window.drained(stop)
         done.accepted = sent - window.waiting
-        return done.accepted >= -(-len(samples) // rows)
-
-    def _subfolder(self, path: Path) -> str | None:
-        return None if path.parent == self._config.folder else path.parent.name
+        done.whole = done.accepted >= -(-len(samples) // rows)
 
     def _key(self, path: Path) -> str:
-        return path.relative_to(self._config.folder).as_posix()
+        return path.relative_to(self._folder).as_posix()
 
     def _write_note(self) -> None:
         # Of files that are gone nothing need be known.
-        files = {k: v for k, v in self._note.files.items() if (self._config.folder / k).exists()}
-        self._note = _Note(files=files)
+        self._note = _Note(files={k: v for k, v in self._note.files.items() if (self._folder / k).exists()})
         try:
             write_text(self._note_path, self._note.model_dump_json(by_alias=True, indent=1))
         except InputError as error:  # a full disk: told, and tried again with the next file
             self._told(error)
-
-
-def _files(folder: Path) -> list[Path]:
-    """Plain files of the folder and its direct subfolders, hidden ones left out."""
-    found = []
-    for entry in os.scandir(folder):
-        if entry.name.startswith("."):
-            continue
-        if entry.is_file():
-            found.append(Path(entry.path))
-        elif entry.is_dir(follow_symlinks=False):
-            found += [Path(e.path) for e in os.scandir(entry) if e.is_file() and not e.name.startswith(".")]
-    return found
-
-
-def _same(done: Done, stat: os.stat_result) -> bool:
-    return (done.size, done.changed_ns) == (stat.st_size, stat.st_mtime_ns)
-
-
-def _read_note(path: Path) -> _Note:
-    if not path.exists():
-        return _Note()
-    mend = "remove it, and all logs of the folder are read again"
-    try:
-        if path.stat().st_size > MAX_DONE_BYTES:
-            raise InputError(f"more than {MAX_DONE_BYTES} bytes", where=path, mend=mend)
-        return _Note.model_validate(json.loads(path.read_bytes()))
-    except (OSError, ValueError, ValidationError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError("not a note of what is done", where=path, mend=mend) from None
 
 
 class Replays(Source):
@@ -223,8 +195,7 @@ class Replays(Source):
 
     def __init__(self, config: ReplaySource, channel_map: ChannelMap | None) -> None:
         super().__init__(config)
-        self._config, self._map = config, channel_map
-        self._running = len(config.logs)
+        self._config, self._map, self._running = config, channel_map, len(config.logs)
 
     def check(self) -> None:
         """Refuse a log that cannot be opened."""
@@ -232,9 +203,8 @@ class Replays(Source):
             try:
                 path.open("rb").close()
             except OSError as error:
-                raise InputError(
-                    f"cannot be read ({error.strerror})", where=path, mend="correct its path"
-                ) from None
+                problem = f"cannot be read ({error.strerror})"
+                raise InputError(problem, where=path, mend="correct its path") from None
 
     def _begin(self, stop: threading.Event) -> None:
         self._set(connected=True)

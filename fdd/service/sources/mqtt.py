@@ -8,8 +8,7 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from typing import Any
 
 import paho.mqtt.client as paho
 from paho.mqtt.packettypes import PacketTypes
@@ -35,13 +34,11 @@ _TOPIC_BYTES = 65_600
 _NO_RETAINED = 2
 
 
-@dataclass(eq=False)
 class _Message:
     """One that came and is not acknowledged yet."""
 
-    number: int
-    qos: int
-    done: bool = False
+    def __init__(self, message: paho.MQTTMessage) -> None:
+        self.number, self.qos, self.done = message.mid, message.qos, False
 
 
 class Mqtt(Source):
@@ -61,40 +58,39 @@ class Mqtt(Source):
     ) -> None:
         super().__init__(config, Decoder(channel_map))
         self._config, self._has = config, has
-        self._where = config.shown
         self._patterns = [_pattern(topic) for topic in config.topics]
         # Of one connection: numbers mean nothing on the next one. Acknowledged in the order they came, as
         # MQTT demands (4.6): mosquitto before 2.0.13 else lets new messages overtake those that it holds.
         self._waiting = deque[_Message]()
         self._acknowledging = threading.Lock()
         self._was_connected = self._was_refused = False
-        self._client: paho.Client
 
     def check(self) -> None:
         """Refuse a password file, certificate or key that cannot be used."""
         self._config.client("check")
 
     def _begin(self, stop: threading.Event) -> None:
-        config = self._config
+        config, is_5 = self._config, self._config.version == "5"
+        session: Properties | None = None
+        if is_5:
+            session = Properties(PacketTypes.CONNECT)
+            session.SessionExpiryInterval = round(3600 * config.session_hours)
+            session.ReceiveMaximum = _ON_THEIR_WAY
+            session.MaximumPacketSize = MAX_BLOCK_BYTES + _TOPIC_BYTES
         self._client = client = config.client(
             config.client_id or f"fdd-{socket.gethostname()}-{self.name}",
-            clean_session=None if config.version == "5" else False,
+            clean_session=None if is_5 else False,
             manual_ack=True,
         )
-        client.on_connect = self._connected
-        client.on_subscribe = self._subscribed
-        client.on_connect_fail = self._not_connected
-        client.on_disconnect = self._disconnected
+        client.on_connect, client.on_subscribe = self._connected, self._subscribed
+        client.on_connect_fail, client.on_disconnect = self._not_connected, self._disconnected
         client.on_message = self._message
         # Many clients that lost one broker must not come back in the same instant.
         client.reconnect_delay_set(random.uniform(0.5, 1.5), _LONGEST_WAIT_S)  # type: ignore[arg-type]
         client.connect_async(
-            config.host,
-            config.chosen_port,
-            config.keepalive,
-            clean_start=False if config.version == "5" else paho.MQTT_CLEAN_START_FIRST_ONLY,
-            properties=self._session(),
-        )
+            config.host, config.chosen_port, config.keepalive, properties=session,
+            clean_start=False if is_5 else paho.MQTT_CLEAN_START_FIRST_ONLY,
+        )  # fmt: skip
         client.loop_start()
         self._spawn(self._until, stop)
 
@@ -104,66 +100,53 @@ class Mqtt(Source):
         self._client.loop_stop()
         self._set(connected=False)
 
-    def _session(self) -> Properties | None:
-        if self._config.version != "5":
-            return None
-        session = Properties(PacketTypes.CONNECT)
-        session.SessionExpiryInterval = round(3600 * self._config.session_hours)
-        session.ReceiveMaximum = _ON_THEIR_WAY
-        session.MaximumPacketSize = MAX_BLOCK_BYTES + _TOPIC_BYTES
-        return session
-
     def _trouble(self, problem: str, mend: str) -> None:
-        self._told(InputError(problem, where=self._where, mend=mend))
+        self._told(InputError(problem, where=self._config.shown, mend=mend))
 
-    def _connected(
-        self, client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: object
-    ) -> None:
+    def _connected(self, client: Any, data: Any, flags: Any, reason: ReasonCode, more: Any) -> None:
         self._was_refused = reason.is_failure
         if reason.is_failure:
-            self._trouble(
-                f"the broker refuses the connection ({reason.getName()})",
-                "check user, password_file and client_id",
-            )
+            problem = f"the broker refuses the connection ({reason.getName()})"
+            self._trouble(problem, "check user, password_file and client_id")
             return
         self._forget()
         if self._was_connected:
             self._count("reconnects")
         self._was_connected = True
-        if self._config.version == "5":
-            options = SubscribeOptions(qos=1, retainHandling=_NO_RETAINED)
-            client.subscribe([(topic, options) for topic, _ in self._patterns])
-        else:
-            client.subscribe([(topic, 1) for topic, _ in self._patterns])
+        is_5 = self._config.version == "5"
+        wanted: Any = SubscribeOptions(qos=1, retainHandling=_NO_RETAINED) if is_5 else 1
+        client.subscribe([(topic, wanted) for topic, _ in self._patterns])
 
-    def _subscribed(
-        self, client: paho.Client, data: object, number: int, reasons: list[ReasonCode], properties: object
-    ) -> None:
+    def _subscribed(self, client: Any, data: Any, number: int, reasons: list[ReasonCode], more: Any) -> None:
         for topic, reason in zip(self._config.topics, reasons, strict=False):
             if reason.is_failure:
-                self._trouble(
-                    f"the broker refuses the topic {topic[:100]} ({reason.getName()})",
-                    "give this user the right to read it",
-                )
+                problem = f"the broker refuses the topic {topic[:100]} ({reason.getName()})"
+                self._trouble(problem, "give this user the right to read it")
         self._set(connected=not all(reason.is_failure for reason in reasons))
 
-    def _not_connected(self, client: paho.Client, data: object) -> None:
+    def _not_connected(self, client: Any, data: Any) -> None:
         self._trouble("the broker cannot be reached", "check host, port and tls")
         self._set(connected=False)
 
-    def _disconnected(
-        self, client: paho.Client, data: object, flags: object, reason: ReasonCode, properties: object
-    ) -> None:
+    def _disconnected(self, client: Any, data: Any, flags: Any, reason: ReasonCode, more: Any) -> None:
         self._forget()
         self._set(connected=False)
         if reason.is_failure and not self._was_refused:
-            self._trouble(
-                f"the connection was lost ({reason.getName()})",
-                "it is tried again; if it never holds, check port, tls and client_id",
-            )
+            mend = "it is tried again; if it never holds, check port, tls and client_id"
+            self._trouble(f"the connection was lost ({reason.getName()})", mend)
 
-    def _message(self, client: paho.Client, data: object, message: paho.MQTTMessage) -> None:
-        done = self._came(message)
+    def _message(self, client: Any, data: Any, message: paho.MQTTMessage) -> None:
+        with self._acknowledging:
+            waiting, mine = self._waiting, _Message(message)
+            waiting.append(mine)
+
+        def done() -> None:
+            with self._acknowledging:
+                mine.done = True
+                while waiting is self._waiting and waiting and waiting[0].done:
+                    first = waiting.popleft()
+                    self._client.ack(first.number, first.qos)
+
         if message.retain:
             self._count("retained")
             done()
@@ -172,36 +155,21 @@ class Mqtt(Source):
             topic = message.topic
         except UnicodeDecodeError:
             topic = ""
-        axis = next(
-            (m["axis"] for _, p in self._patterns if p.groupindex and (m := p.fullmatch(topic))), None
-        )
+        named = (p.fullmatch(topic) for _, p in self._patterns if p.groupindex)
+        axis = next((match["axis"] for match in named if match), None)
         if axis is not None and not self._has(axis):
             done()
             return
         try:
             axis = None if axis is None else axis_name(axis)
             payload = bytes(message.payload)
-            self._take(self._decoder.decode(payload, self.name, axis=axis, patient=True, accepted=done))
+            self.take(self.decoder.decode(payload, self.name, axis=axis, patient=True, accepted=done))
         except InputError as error:
-            self._refuse(error.at(f"topic {topic[:100]}"))
+            self.refuse(error.at(f"topic {topic[:100]}"))
             done()
         except Exception as error:  # a fault of fdd; paho's thread and the messages after it must go on
-            self._refuse(InputError(f"internal error: {type(error).__name__}: {error}"))
+            self.refuse(InputError(f"internal error: {type(error).__name__}: {error}"))
             done()
-
-    def _came(self, message: paho.MQTTMessage) -> Callable[[], None]:
-        """Note a message; to be called when it is done, from any thread."""
-        mine = _Message(message.mid, message.qos)
-        with self._acknowledging:
-            self._waiting.append(mine)
-            return partial(self._done, self._waiting, mine)
-
-    def _done(self, waiting: deque[_Message], message: _Message) -> None:
-        with self._acknowledging:
-            message.done = True
-            while waiting is self._waiting and waiting and waiting[0].done:
-                first = waiting.popleft()
-                self._client.ack(first.number, first.qos)
 
     def _forget(self) -> None:
         with self._acknowledging:

@@ -30,8 +30,7 @@ class Source(ABC):
 
     def __init__(self, config: AnySource, decoder: Decoder | None = None) -> None:
         self.name, self._unit = source_name(config), config.unit
-        self._decoder = decoder or Decoder()
-        self._put: Put
+        self.decoder = decoder or Decoder()
         self._lock = threading.Lock()
         self._counts = {"received": 0, "refused": 0, "reconnects": 0}
         self._state: dict[str, Any] = {"connected": False, "last_error": None}
@@ -88,7 +87,7 @@ class Source(ABC):
 
         threading.Thread(target=run, daemon=True, name=f"fdd-{self.name}").start()
 
-    def _take(self, block: Block) -> None:
+    def take(self, block: Block) -> None:
         """Hand a block on. Raises InputError: the service watches as many axes as it can."""
         if block.unit is None and self._unit is not None:
             block = replace(block, unit=self._unit)
@@ -107,10 +106,10 @@ class Source(ABC):
             if not window.wait(stop):
                 return
             told = window.accepted
-            self._take(Block(axis, rows, number, self.name, time.time(), patient=True, accepted=told))
+            self.take(Block(axis, rows, number, self.name, time.time(), patient=True, accepted=told))
             yield number
 
-    def _refuse(self, error: InputError) -> None:
+    def refuse(self, error: InputError) -> None:
         """Count a message that cannot be used, and say why; in the log not more often than people read."""
         self._count("refused")
         self._told(error)
@@ -139,19 +138,15 @@ class Window:
     """How many blocks may be on their way: a source that can wait does, until the fleet has stored some."""
 
     def __init__(self, most: int) -> None:
-        self._most = most
-        self._changed = threading.Condition()
-        self.waiting = 0
+        self._most, self._changed, self.waiting = most, threading.Condition(), 0
 
     def wait(self, stop: threading.Event) -> bool:
         """Wait until another block may go; False where `stop` was set."""
         with self._changed:
-            while self.waiting >= self._most and not stop.is_set():
-                self._changed.wait(0.2)
-            if stop.is_set():
-                return False
-            self.waiting += 1
-            return True
+            self._below(self._most, stop)
+            goes = not stop.is_set()
+            self.waiting += goes
+        return goes
 
     def accepted(self) -> None:
         """A block was stored."""
@@ -162,5 +157,8 @@ class Window:
     def drained(self, stop: threading.Event) -> None:
         """Wait until all blocks were stored, or `stop` is set."""
         with self._changed:
-            while self.waiting and not stop.is_set():
-                self._changed.wait(0.2)
+            self._below(1, stop)
+
+    def _below(self, most: int, stop: threading.Event) -> None:
+        while self.waiting >= most and not stop.is_set():
+            self._changed.wait(0.2)

@@ -2,8 +2,7 @@
 
 from fdd.service.store.database import LeaseLost, StoreTrouble
 from fdd.service.store.records import Checkpoint, Rollup, joined, parted
-from fdd.service.store.store import OutboxMessage, Store
-from fdd.service.store.transaction import Transaction
+from fdd.service.store.store import OutboxMessage, Store, Transaction
 
 __all__ = [
     "Checkpoint", "LeaseLost", "OutboxMessage", "Rollup", "Store", "StoreTrouble", "Transaction", "joined",

@@ -4,39 +4,26 @@ from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy import (
-    JSON,
-    BigInteger,
-    Boolean,
-    Column,
-    Double,
-    Engine,
-    Index,
-    Integer,
-    LargeBinary,
-    MetaData,
-    String,
-    Table,
-    Text,
-    false,
-    insert,
-    inspect,
-    select,
-    text,
-)
+import sqlalchemy as sa
+from sqlalchemy import JSON, BigInteger, Boolean, Column, Double, Index, Integer, LargeBinary, Table, Text
 
 from fdd.errors import InputError
 from fdd.service.store.database import WRITES, told
 
-METADATA = MetaData()
+METADATA = sa.MetaData()
 VERSION = "0002"
 """Of the tables; a store of another one is refused."""
-BIG = BigInteger().with_variant(Integer, "sqlite")
-"""SQLite counts up only what is called INTEGER."""
+COUNTED: dict[str, Any] = {"sqlite_autoincrement": True}
+"""Ids of rows that are gone never come again: a checkpoint names the journal's last row that it holds."""
 
 
 def _key(name: str, kind: Any) -> Column[Any]:
     return Column(name, kind, primary_key=True)
+
+
+def _id() -> Column[Any]:
+    # SQLite counts up only what is called INTEGER.
+    return _key("id", BigInteger().with_variant(Integer, "sqlite"))
 
 
 def _needed(kind: Any, *names: str) -> list[Column[Any]]:
@@ -48,10 +35,8 @@ def _known(kind: Any, *names: str) -> list[Column[Any]]:
     return [Column(name, kind) for name in names]
 
 
-_VERSION = Table("fdd_revision", METADATA, Column("version_num", String(32), primary_key=True))
-
+_VERSION = Table("fdd_revision", METADATA, _key("version_num", sa.String(32)))
 META = Table("meta", METADATA, _key("key", Text), *_needed(Text, "value"))
-
 AXIS = Table(
     "axis",
     METADATA,
@@ -60,24 +45,21 @@ AXIS = Table(
     *_needed(Double, "first_wall", "last_wall"),
     *_known(Double, "last_time"),
 )
-
 FINDING = Table(
     "finding",
     METADATA,
-    _key("id", BIG),
+    _id(),
     *_needed(Text, "axis", "fault", "family"),
     *_needed(Double, "time", "wall", "confidence"),
     *_known(Double, "onset", "severity", "low", "high"),
     *_needed(JSON, "body"),
     Index("finding_by_axis", "axis", "wall"),
-    sqlite_autoincrement=True,
+    **COUNTED,
 )
-
 ALARM = Table(
     "alarm",
     METADATA,
-    # The alarm book gives the ids.
-    Column("id", BigInteger, primary_key=True, autoincrement=False),
+    Column("id", BigInteger, primary_key=True, autoincrement=False),  # the alarm book gives the ids
     *_needed(Text, "axis", "key", "state", "priority", "note"),
     *_needed(Double, "raised_time", "raised_wall"),
     *_known(Double, "returned_wall", "acked_wall", "shelved_until"),
@@ -88,11 +70,10 @@ ALARM = Table(
     Index("alarm_by_key", "axis", "key", "id"),
     Index("alarm_by_state", "state"),
 )
-
 AUDIT = Table(
     "audit",
     METADATA,
-    _key("id", BIG),
+    _id(),
     *_needed(Double, "wall"),
     *_known(Double, "time"),
     *_needed(Text, "who", "action", "note"),
@@ -100,9 +81,8 @@ AUDIT = Table(
     *_known(Text, "axis"),
     *_needed(JSON, "body"),
     Index("audit_by_alarm", "alarm_id"),
-    sqlite_autoincrement=True,
+    **COUNTED,
 )
-
 ROLLUP = Table(
     "rollup",
     METADATA,
@@ -111,10 +91,8 @@ ROLLUP = Table(
     *_needed(BigInteger, "n"),
     *_needed(Double, "mean", "std", "min", "max"),
     Index("rollup_by_age", "level", "start_wall"),
-    # Its key is most of a row: kept once, not beside it again.
-    sqlite_with_rowid=False,
+    sqlite_with_rowid=False,  # its key is most of a row: kept once, not beside it again
 )
-
 CHECKPOINT = Table(
     "checkpoint",
     METADATA,
@@ -124,54 +102,50 @@ CHECKPOINT = Table(
     *_needed(Text, "profile_sha256", "model_sha256", "version", "sha256"),
     *_needed(LargeBinary, "body"),
 )
-
 JOURNAL = Table(
     "journal",
     METADATA,
-    _key("id", BIG),
+    _id(),
     *_needed(Text, "axis"),
     *_needed(LargeBinary, "payload"),
     Index("journal_by_axis", "axis", "id"),
-    # Ids of rows that are gone never come again: a checkpoint names the last one that it holds.
-    sqlite_autoincrement=True,
+    **COUNTED,
 )
-
+_TO_DO = sa.text("NOT done")
 OUTBOX = Table(
     "outbox",
     METADATA,
-    _key("id", BIG),
+    _id(),
     *_needed(Text, "kind", "target"),
     *_needed(JSON, "body"),
     *_needed(Integer, "attempts"),
     *_needed(Double, "next_wall"),
-    Column("done", Boolean, nullable=False, server_default=false()),
-    Index("outbox_to_do", "target", "id", sqlite_where=text("NOT done"), postgresql_where=text("NOT done")),
-    sqlite_autoincrement=True,
+    Column("done", Boolean, nullable=False, server_default=sa.false()),
+    Index("outbox_to_do", "target", "id", sqlite_where=_TO_DO, postgresql_where=_TO_DO),
+    **COUNTED,
 )
 
 # The audit only grows, whoever writes. INSERT OR REPLACE deletes without asking a trigger for deletes.
+_REFUSED = "BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END"
 _GROWS = {
     "sqlite": (
-        """CREATE TRIGGER audit_no_update BEFORE UPDATE ON audit
-        BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END""",
-        """CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit
-        BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END""",
-        """CREATE TRIGGER audit_no_replace BEFORE INSERT ON audit
-        WHEN EXISTS (SELECT 1 FROM audit WHERE id = NEW.id)
-        BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END""",
+        f"CREATE TRIGGER audit_no_update BEFORE UPDATE ON audit {_REFUSED}",
+        f"CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit {_REFUSED}",
+        "CREATE TRIGGER audit_no_replace BEFORE INSERT ON audit "
+        f"WHEN EXISTS (SELECT 1 FROM audit WHERE id = NEW.id) {_REFUSED}",
     ),
     "postgresql": (
-        """CREATE FUNCTION audit_grows() RETURNS trigger LANGUAGE plpgsql AS
-        $$ BEGIN RAISE EXCEPTION 'the audit only grows'; END $$""",
-        """CREATE TRIGGER audit_grows BEFORE UPDATE OR DELETE ON audit
-        FOR EACH ROW EXECUTE FUNCTION audit_grows()""",
-        """CREATE TRIGGER audit_stays BEFORE TRUNCATE ON audit
-        FOR EACH STATEMENT EXECUTE FUNCTION audit_grows()""",
+        "CREATE FUNCTION audit_grows() RETURNS trigger LANGUAGE plpgsql AS "
+        "$$ BEGIN RAISE EXCEPTION 'the audit only grows'; END $$",
+        "CREATE TRIGGER audit_grows BEFORE UPDATE OR DELETE ON audit "
+        "FOR EACH ROW EXECUTE FUNCTION audit_grows()",
+        "CREATE TRIGGER audit_stays BEFORE TRUNCATE ON audit "
+        "FOR EACH STATEMENT EXECUTE FUNCTION audit_grows()",
     ),
 }
 
 
-def prepare(engine: Engine, where: str, existing: bool = False) -> None:
+def prepare(engine: sa.Engine, where: str, existing: bool = False) -> None:
     """Make the tables of an empty database, all or none.
 
     Parameters
@@ -182,9 +156,9 @@ def prepare(engine: Engine, where: str, existing: bool = False) -> None:
     """
     # One transaction: of two that start at once, one waits and then finds nothing to do.
     with told(where), engine.connect().execution_options(**{WRITES: True}) as connection, connection.begin():
-        dialect, found = engine.dialect.name, set(inspect(connection).get_table_names())
+        dialect, found = engine.dialect.name, set(sa.inspect(connection).get_table_names())
         if _VERSION.name in found:
-            version = connection.execute(select(_VERSION)).scalar()
+            version = connection.execute(sa.select(_VERSION)).scalar()
             if version != VERSION:
                 raise InputError(
                     f"the store is of another version of fdd (its tables are {version}, here {VERSION})",
@@ -201,6 +175,6 @@ def prepare(engine: Engine, where: str, existing: bool = False) -> None:
                 where=where, mend="name another file, or a database of its own",
             )  # fmt: skip
         METADATA.create_all(connection)
-        connection.execute(insert(_VERSION), {"version_num": VERSION})
+        connection.execute(sa.insert(_VERSION), {"version_num": VERSION})
         for statement in _GROWS[dialect]:
             connection.exec_driver_sql(statement)

@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cache
 from typing import Any
 
-from sqlalchemy import Select, delete, func, or_, select
+import sqlalchemy as sa
+from sqlalchemy import delete, func, insert, select
+from sqlalchemy.dialects import postgresql, sqlite
 
-from fdd.service.alarms import ITSELF
+from fdd.diagnosis.findings import FaultFinding
+from fdd.service.alarms import ITSELF, Alarm, Transition, readable
+from fdd.service.store import schema
 from fdd.service.store.database import BUSY_TIMEOUT_S, WRITES, LeaseLost, connect, told
-from fdd.service.store.records import Checkpoint, unpacked
-from fdd.service.store.schema import (
-    ALARM,
-    AUDIT,
-    AXIS,
-    CHECKPOINT,
-    FINDING,
-    JOURNAL,
-    META,
-    OUTBOX,
-    ROLLUP,
-    prepare,
-)
-from fdd.service.store.transaction import Transaction
+from fdd.service.store.records import SPANS_S, Checkpoint, Rollup, packed, unpacked
+from fdd.service.store.schema import ALARM, AUDIT, AXIS, CHECKPOINT, FINDING, JOURNAL, META, OUTBOX, ROLLUP
 
 DAY_S = 86400.0
 Row = dict[str, Any]
+_WRITTEN = "written"
+_ACCEPT, _LAST = insert(JOURNAL), select(func.max(JOURNAL.c.id))
 
 
 @dataclass(frozen=True)
@@ -40,6 +35,132 @@ class OutboxMessage:
     body: Mapping[str, Any]
     target: str
     attempts: int
+
+
+class Transaction:
+    """What is written at once, all of it or nothing; `Store.transaction` makes it.
+
+    Times are `time`, s of the stream's clock, and `wall`, Unix seconds.
+    """
+
+    def __init__(self, connection: sa.Connection) -> None:
+        self._connection = connection
+
+    def once(self, token: str) -> bool:
+        """Whether this is still to be written: a try with the same token may have been, its answer lost."""
+        last = self.metas([_WRITTEN]).get(_WRITTEN)
+        self.meta(_WRITTEN, token)
+        return last != token
+
+    def accept_all(self, blocks: Sequence[tuple[str, bytes]]) -> int:
+        """Keep blocks, (axis, payload) each, until a checkpoint holds them; the id of the last one of all."""
+        if blocks:
+            self._connection.execute(_ACCEPT, [{"axis": a, "payload": p} for a, p in blocks])
+        # Of this one: nobody else writes meanwhile.
+        return int(self._connection.execute(_LAST).scalar_one() or 0)  # none are left after a checkpoint
+
+    def axis(self, name: str, wall: float, **known: Any) -> None:
+        """Note an axis and what is known of it now, of the columns of its table."""
+        row = {"name": name, "first_wall": wall, "last_wall": wall, **known}
+        self._put(AXIS, [row], keep=("first_wall",))
+
+    def remove_axis(self, name: str, said: str) -> None:
+        """Take out an axis, its state, its life and a word; alarms, findings and the audit stay."""
+        for table, column in ((CHECKPOINT, "axis"), (JOURNAL, "axis"), (ROLLUP, "axis"), (AXIS, "name")):
+            self.gone(delete(table).where(table.c[column] == name))
+        self.gone(delete(META).where(META.c.key == said))
+
+    def found(self, axis: str, time: float, wall: float, finding: FaultFinding) -> int:
+        """Keep a finding; its id."""
+        low, high = finding.severity_interval or (None, None)
+        return self._add(
+            FINDING, axis=axis, time=time, wall=wall, onset=finding.onset_s, fault=finding.fault,
+            family=finding.family, confidence=finding.confidence, severity=finding.severity,
+            low=low, high=high, body=finding.model_dump(mode="json"),
+        )  # fmt: skip
+
+    def alarm(self, *alarms: Alarm) -> None:
+        """Keep alarms as they stand now."""
+        rows = [asdict(alarm) for alarm in alarms]
+        columns = {c.name for c in ALARM.c} - {"body"}
+        self._put(ALARM, [{k: v for k, v in row.items() if k in columns} | {"body": row} for row in rows])
+
+    def transition(self, transition: Transition) -> int:
+        """Keep what happened to an alarm and the alarm as it stands now; the id of the audit's record."""
+        alarm = transition.alarm
+        self.alarm(alarm)
+        body = {"before": transition.before, "after": alarm.state, "alarm": asdict(alarm)}
+        return self.audit(
+            transition.wall, transition.who, transition.action, time=transition.time,
+            alarm_id=alarm.id, axis=alarm.axis, note=transition.note, body=body,
+        )  # fmt: skip
+
+    def audit(self, wall: float, who: str, action: str, note: str = "", **more: Any) -> int:
+        """Put something done on record, for ever; its id. May have `time`, `alarm_id`, `axis`, `body`."""
+        said = {"who": readable(who), "note": readable(note), "wall": wall, "action": action}
+        return self._add(AUDIT, **{"body": {}, **said, **more})
+
+    def rollup(self, *parts: Rollup) -> None:
+        """Add parts of minutes to their minutes, hours and days."""
+        c, names = ROLLUP.c, ("axis", "quantity", "start_wall")
+        fields = select(*(column for column in c if column is not c.level))
+        for level in SPANS_S if parts else ():
+            new = [part.over(level) for part in parts]
+            # What is stored of these axes, quantities and spans; few more than these parts.
+            mine = [c[name].in_({getattr(part, name) for part in new}) for name in names]
+            stored = self._connection.execute(fields.where(c.level == level, *mine))
+            sums: dict[tuple[str, str, float], Rollup] = {}
+            for part in [*(Rollup(**row._mapping) for row in stored), *new]:
+                key = (part.axis, part.quantity, part.start_wall)
+                sums[key] = sums[key].merged(part) if key in sums else part
+            touched = {(part.axis, part.quantity, part.start_wall) for part in new}
+            self._put(ROLLUP, [{"level": level, **asdict(sums[key])} for key in touched])
+
+    def checkpoint(self, checkpoint: Checkpoint) -> None:
+        """Keep an axis's state in place of the last one; the blocks that it holds leave the journal."""
+        small, sha256 = packed(checkpoint.body)
+        self._put(CHECKPOINT, [{**asdict(checkpoint), "body": small, "sha256": sha256}])
+        held = (JOURNAL.c.axis == checkpoint.axis) & (JOURNAL.c.id <= checkpoint.sequence)
+        self.gone(delete(JOURNAL).where(held))
+
+    def send(self, kind: str, body: Mapping[str, Any], target: str, wall: float) -> int:
+        """Put something that must arrive at a target into the outbox; its id."""
+        return self._add(OUTBOX, kind=kind, body=body, target=target, attempts=0, next_wall=wall)
+
+    def sent(self, id: int, **now: Any) -> None:
+        """Note how a message of the outbox stands."""
+        self._connection.execute(sa.update(OUTBOX).where(OUTBOX.c.id == id).values(**now))
+
+    def gone(self, old: sa.Delete) -> int:
+        """Delete rows; how many."""
+        return int(self._connection.execute(old).rowcount)
+
+    def meta(self, key: str, value: str) -> None:
+        """Keep a word about the store itself."""
+        self._put(META, [{"key": key, "value": value}])
+
+    def metas(self, keys: Iterable[str]) -> dict[str, str]:
+        """Words about the store itself, those that there are."""
+        rows = self._connection.execute(select(META.c.key, META.c.value).where(META.c.key.in_(list(keys))))
+        return {row.key: row.value for row in rows}
+
+    def _add(self, table: sa.Table, **row: Any) -> int:
+        return int(self._connection.execute(insert(table).returning(table.c.id), row).scalar_one())
+
+    def _put(self, table: sa.Table, rows: Sequence[Row], keep: tuple[str, ...] = ()) -> None:
+        """Insert rows, or update those that are there: all that is given but `keep`."""
+        if rows:
+            upsert = _upsert(table, self._connection.dialect.name, tuple(rows[0]), keep)
+            self._connection.execute(upsert, rows)
+
+
+# Building the statement takes five times as long as executing it.
+@cache
+def _upsert(table: sa.Table, dialect: str, given: tuple[str, ...], keep: tuple[str, ...]) -> sa.Executable:
+    new = (sqlite.insert if dialect == "sqlite" else postgresql.insert)(table)
+    keys = [c.name for c in table.primary_key]
+    values = {k: new.excluded[k] for k in given if k not in {*keys, *keep}}
+    return new.on_conflict_do_update(index_elements=keys, set_=values)
 
 
 class Store:
@@ -70,7 +191,7 @@ class Store:
     ) -> None:  # fmt: skip
         self.leases = dict(leases or {})
         self._engine, self.where = connect(url, busy_timeout, existing)
-        prepare(self._engine, self.where, existing)
+        schema.prepare(self._engine, self.where, existing)
 
     def close(self) -> None:
         """Close all connections."""
@@ -102,7 +223,7 @@ class Store:
             t.meta(name, number)
         self.leases[name] = number
 
-    def _rows(self, statement: Select[Any]) -> list[Row]:
+    def _rows(self, statement: sa.Select[Any]) -> list[Row]:
         with told(self.where), self._engine.connect() as connection:
             return [dict(row._mapping) for row in connection.execute(statement)]
 
@@ -124,7 +245,9 @@ class Store:
         """What `AlarmBook.restore` takes: alarms that are not over, each key's last one, and the next id."""
         c = ALARM.c
         last = select(func.max(c.id)).group_by(c.axis, c.key)
-        kept = self._rows(select(c.id, c.body).where(or_(c.state != "NORMAL", c.id.in_(last))).order_by(c.id))
+        kept = self._rows(
+            select(c.id, c.body).where(sa.or_(c.state != "NORMAL", c.id.in_(last))).order_by(c.id)
+        )
         return {"next_id": kept[-1]["id"] + 1 if kept else 1, "alarms": [row["body"] for row in kept]}
 
     def findings(self, limit: int = 1000) -> list[Row]:
@@ -144,12 +267,10 @@ class Store:
 
     def checkpoint(self, axis: str) -> Checkpoint | None:
         """The last state of an axis; None where there is none. Raises InputError where it is damaged."""
-        found = self._rows(select(CHECKPOINT).where(CHECKPOINT.c.axis == axis))
-        if not found:
-            return None
-        row = found[0]
-        row["body"] = unpacked(row["body"], row.pop("sha256"), self.where)
-        return Checkpoint(**row)
+        for row in self._rows(select(CHECKPOINT).where(CHECKPOINT.c.axis == axis)):
+            row["body"] = unpacked(row["body"], row.pop("sha256"), self.where)
+            return Checkpoint(**row)
+        return None
 
     def journal(self, axis: str) -> list[tuple[int, bytes]]:
         """Blocks (id, payload) that came after an axis's checkpoint, in their order."""
@@ -168,13 +289,8 @@ class Store:
     def outbox(self, limit: int, target: str) -> list[OutboxMessage]:
         """The oldest messages for a target that did not arrive yet, in their order."""
         c = OUTBOX.c
-        waiting = (
-            select(c.id, c.kind, c.body, c.target, c.attempts)
-            .where(~c.done, c.target == target)
-            .order_by(c.id)
-            .limit(limit)
-        )
-        return [OutboxMessage(**row) for row in self._rows(waiting)]
+        waiting = select(c.id, c.kind, c.body, c.target, c.attempts).where(~c.done, c.target == target)
+        return [OutboxMessage(**row) for row in self._rows(waiting.order_by(c.id).limit(limit))]
 
     def delivered(self, id: int) -> None:
         """A message arrived."""
