@@ -118,6 +118,8 @@ def _print(found: Outcome) -> None:
     for sentence in found.not_told:
         console.print(Text(f"• Not told: {sentence}", style="yellow"), soft_wrap=True)
     if found.rows:
-        print_whole(console, grid(found.heads, found.rows, collapse_padding=True, **NARROW))
+        print_whole(
+            console, grid(found.heads, found.rows, whole=found.heads[:1], collapse_padding=True, **NARROW)
+        )
     for note in found.notes:
         console.print(Text(f"• {note}"), soft_wrap=True)

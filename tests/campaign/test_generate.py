@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fdd.campaign import generate as generate_module
-from fdd.campaign.dataset import Dataset
+from fdd.campaign.dataset import Dataset, digest
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
@@ -222,7 +222,7 @@ def test_labels_cannot_point_out_of_the_folder(copy: Path) -> None:
     manifest = json.loads((copy / "manifest.json").read_text(encoding="utf-8"))
     text = json.dumps(labels)
     recipe = (copy / "recipe.yaml").read_text(encoding="utf-8")
-    manifest["sha256"] = generate_module.digest(recipe, text)
+    manifest["sha256"] = digest(recipe, text)
     (copy / "labels.json").write_text(text, encoding="utf-8")
     (copy / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     with pytest.raises(InputError, match=r"labels\.json.*file"):
