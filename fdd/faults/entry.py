@@ -61,8 +61,18 @@ class Amount:
     grows: Literal["fault_leakage", "orifice", "pressure"]
 
     def words(self, factor: float = 1.0) -> str:
-        """Number and unit, of a machine on which it is `factor` times as large."""
-        return f"{factor * self.number:.3g}{self.unit}"
+        """Number and unit, of a machine on which it is `factor` times as large.
+
+        Examples
+        --------
+        >>> Amount(12, "e-12 m³/(s·Pa)", "fault_leakage").words(0.02)
+        '2.4e-13 m³/(s·Pa)'
+        """
+        number = factor * self.number
+        power, _, unit = self.unit.partition(" ")
+        while power and 0.0 < number < 1.0:
+            number, power = 10.0 * number, f"e{int(power[1:]) - 1}"
+        return f"{number:.3g}{power} {unit}"
 
 
 @dataclass(frozen=True)
