@@ -276,9 +276,8 @@ def fit(
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
     ratio = heavy_tailed(_gain(likely, size), freedom(likely.healthy, behind))
-    score = ratio - 0.5 * np.log1p(
-        scales[:, 0] ** 2 * precision
-    )  # the Occam factor of Laplace's approximation
+    occam = 0.5 * np.log1p(scales[:, 0] ** 2 * precision)  # of Laplace's approximation
+    score = ratio - occam
     one_sided = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
     score += np.where(parts.signed, one_sided, 0.0)
     most = np.maximum(GREATEST, np.abs(size))
