@@ -61,6 +61,7 @@ def serve(
     from fdd.service.service import Service
 
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr)
+    logging.getLogger("numexpr").setLevel(logging.WARNING)  # which tells its threads
     with ExitStack() as kept:
         if demo:
             settings = _demo(kept.enter_context(_demo_folder()))

@@ -1,4 +1,4 @@
-"""The balance history's algebra against textbook forms, quadrature and least squares."""
+"""The balance history: what older frames teach, stops, misfits and state."""
 
 from __future__ import annotations
 
@@ -6,216 +6,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
 from fdd.residuals.balance_history import BalanceHistory
-from fdd.residuals.balances import BALANCES, ORDERS, RegressionBlock
-from fdd.residuals.bins import BIN_S, COLUMNS, FRAME_BINS, FRAME_S, TAIL_BINS
+from fdd.residuals.balances import BALANCES, RegressionBlock
+from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, TAIL_BINS
 from fdd.residuals.effects import Effects, first_effects
 from fdd.residuals.normal_equations import NormalEquations, marginalised
-from fdd.residuals.regression_accumulator import LOAD_S, RegressionAccumulator
 from fdd.unit import Baseline, Unit
 
 Array = NDArray[np.float64]
 ROWS = TAIL_BINS + FRAME_BINS
-
-
-def regular(rng: np.random.Generator, n: int) -> Array:
-    root = rng.normal(size=(2 * n, n)) * 10.0 ** rng.uniform(-2.0, 2.0, n)
-    return np.asarray(root.T @ root)
-
-
-@pytest.mark.parametrize("n", [1, 3, 7])
-def test_marginalised_is_the_textbook_form_where_the_information_is_regular(n: int) -> None:
-    rng = np.random.default_rng(n)
-    m, std = regular(rng, n), 10.0 ** rng.uniform(-2.0, 1.0, n)
-    vector = m @ rng.normal(size=n)
-    wide, kept = marginalised(m, vector, std)
-    expected = np.linalg.inv(np.linalg.inv(m) + np.diag(std**2))
-    np.testing.assert_allclose(wide, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
-    np.testing.assert_allclose(
-        kept, expected @ np.linalg.solve(m, vector), rtol=1e-6, atol=1e-9 * np.abs(kept).max()
-    )
-
-
-def test_marginalised_integrates_the_difference_out() -> None:
-    """The log-likelihood, with the difference integrated out by quadrature, is the parabola that it gives."""
-    m, vector, std = np.array([[3.0, 1.0], [1.0, 2.0]]), np.array([1.5, -0.7]), np.array([0.6, 0.9])
-    wide, kept = marginalised(m, vector, std)
-    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
-    d = np.stack(np.meshgrid(nodes * std[0], nodes * std[1], indexing="ij"), axis=-1).reshape(-1, 2)
-    w = np.outer(weights, weights).ravel()
-
-    def integrated(c: Array) -> float:
-        b = c + d
-        return float(np.log(w @ np.exp(b @ vector - 0.5 * np.einsum("ki,ij,kj->k", b, m, b))))
-
-    for c in np.random.default_rng(1).uniform(-1.0, 1.0, (20, 2)):
-        parabola = kept @ c - 0.5 * c @ wide @ c
-        assert integrated(c) - integrated(np.zeros(2)) == pytest.approx(parabola, abs=1e-8)
-
-
-def test_marginalised_of_what_tells_nothing_tells_nothing() -> None:
-    column = np.array([1.0, -2.0, 0.5])
-    wide, kept = marginalised(np.outer(column, column), 3.0 * column, np.array([1e-3, 10.0, 1.0]))
-    across = np.array([2.0, 1.0, 0.0])
-    assert across @ wide @ across == pytest.approx(0.0, abs=1e-12)
-    assert across @ kept == pytest.approx(0.0, abs=1e-12)
-    # Along the one thing that is known, the scalar form: variance 1 and that of the difference.
-    variance = 1.0 + float(column**2 @ np.array([1e-3, 10.0, 1.0]) ** 2)
-    np.testing.assert_allclose(wide, np.outer(column, column) / variance, rtol=1e-6, atol=1e-12)
-    blank, none = marginalised(np.zeros((4, 3, 3)), np.zeros((4, 3)), np.ones(3))
-    assert not blank.any() and not none.any()
-
-
-def of_frame(rng: np.random.Generator, n: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-    x = rng.normal(size=(ROWS, n)) * np.arange(1, n + 1)
-    return x @ rng.normal(size=n) + 0.1 * rng.normal(size=ROWS), x, np.ones(ROWS, dtype=bool)
-
-
-def least_squares(information: Array, vector: Array) -> Array:
-    return np.asarray(np.linalg.solve(information, vector))
-
-
-@pytest.mark.parametrize("name", ["coherence", "refeed"])
-def test_a_frame_of_plain_rows_is_least_squares(name: str) -> None:
-    balance, rng = BALANCES[name], np.random.default_rng(4)
-    y, x, ok = of_frame(rng, len(balance.columns))
-    ok[TAIL_BINS + 5 : TAIL_BINS + 12] = False
-    [(information, vector, rows, variance)] = RegressionAccumulator(balance, first_effects(name)).equations(
-        [RegressionBlock(y, x, ok)]
-    )
-    x, y = x[TAIL_BINS:][ok[TAIL_BINS:]], y[TAIL_BINS:][ok[TAIL_BINS:]]
-    expected, rest, *_ = np.linalg.lstsq(x, y, rcond=None)
-    assert rows == len(y) == FRAME_BINS - 7
-    np.testing.assert_allclose(least_squares(information, vector), expected, rtol=1e-8)
-    np.testing.assert_allclose(information, x.T @ x / variance, rtol=1e-9, atol=1e-9 * information.max())
-    assert variance >= 0.99 * rest[0] / (len(y) - x.shape[1])
-
-
-@pytest.mark.parametrize("name", ["torque", "reservoir"])
-def test_a_frame_of_changes_is_least_squares_on_levels(name: str) -> None:
-    """Each unbroken stretch has a level of its own: a dummy of least squares takes its mean out."""
-    balance, rng = BALANCES[name], np.random.default_rng(5)
-    n = len(balance.columns)
-    y, x, ok = of_frame(rng, n)
-    ok[TAIL_BINS + 20] = False
-    [(information, vector, _, _)] = RegressionAccumulator(balance, first_effects(name)).equations(
-        [RegressionBlock(y, x, ok)]
-    )
-    stretches = [slice(TAIL_BINS, TAIL_BINS + 20), slice(TAIL_BINS + 21, ROWS)]
-    levels_x = [np.cumsum(x[s], axis=0) for s in stretches]
-    levels_y = [np.cumsum(y[s]) for s in stretches]
-    dummies = np.repeat(np.eye(2), [len(v) for v in levels_y], axis=0)
-    design, aim = np.column_stack([np.concatenate(levels_x), dummies]), np.concatenate(levels_y)
-    expected = np.linalg.lstsq(design, aim, rcond=None)[0][:n]
-    # The first row of a stretch, which its mean makes redundant, is left out: a few per cent of the rows.
-    np.testing.assert_allclose(least_squares(information, vector), expected, atol=0.05)
-
-
-def test_a_frame_of_cells_is_least_squares_on_their_means_over_the_load_before() -> None:
-    balance, rng = BALANCES["force"], np.random.default_rng(6)
-    n, bins_per_row = len(balance.columns), BALANCES["force"].bins_per_row
-    y, x, ok = of_frame(rng, n)
-    y, x = np.cumsum(y), np.cumsum(x, axis=0)
-    ok[TAIL_BINS + 13] = False
-    regression = RegressionAccumulator(balance, first_effects("force"))
-    [(information, vector, rows, _)] = regression.equations([RegressionBlock(y, x, ok)])
-    means = np.column_stack([x, y])[TAIL_BINS:].reshape(-1, bins_per_row, n + 1).mean(axis=1)
-    means = np.delete(means, 13 // bins_per_row, axis=0)
-    before = pd.DataFrame(means).ewm(alpha=bins_per_row * BIN_S / LOAD_S, adjust=False).mean().shift(1)
-    over = (means - before.to_numpy())[1:]
-    assert rows == FRAME_BINS // bins_per_row - 1
-    # A frame has as many cells as there are columns: its normal equations are compared, not their solution.
-    squares = over[:, :n].T @ over[:, :n]
-    variance = np.trace(squares) / np.trace(information)
-    np.testing.assert_allclose(variance * information, squares, atol=1e-9 * np.abs(squares).max())
-    np.testing.assert_allclose(variance * vector, over[:, :n].T @ over[:, n], rtol=1e-9)
-
-
-@pytest.mark.parametrize("swing", [0.6, 0.0])
-def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
-    balance, rng = BALANCES["shaft"], np.random.default_rng(7)
-    found = []
-    for phase in np.linspace(0.0, 6.0, 7):
-        regression = RegressionAccumulator(balance, first_effects("shaft"))
-        k = np.arange(20 * FRAME_BINS + TAIL_BINS)
-        angle = 0.8 * k + swing / 0.07 * np.sin(0.07 * k)
-        lines = [turn(order * angle) for order in ORDERS for turn in (np.cos, np.sin)]
-        x = np.column_stack([*lines, np.ones_like(angle), *rng.normal(size=(3, angle.size))])
-        y = 0.2 * np.cos(angle + phase) + 0.05 * np.sin(2 * angle) + 0.3 + 0.01 * rng.normal(size=angle.size)
-        for frame in range(20):
-            here = slice(frame * FRAME_BINS, frame * FRAME_BINS + ROWS)
-            [(information, vector, rows, _)] = regression.equations(
-                [RegressionBlock(y[here], x[here], np.ones(ROWS, dtype=bool))]
-            )
-            assert rows
-        found.append(least_squares(information, vector))
-    np.testing.assert_allclose(found, np.tile([0.2, 0.05], (7, 1)), atol=0.015)
-
-
-@pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
-def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share: float) -> None:
-    """A pressure with noise in compliance and sensor lag."""
-    balance, rng, frames = BALANCES["volume"], np.random.default_rng(11), 400
-    n, noise = len(balance.columns), np.sqrt(share)
-    compliance, lag = balance.columns.index("compliance"), balance.columns.index("sensor_lag")
-    healthy = np.zeros(n)
-    healthy[[compliance, lag]] = 0.9, 0.4
-    effects = replace(first_effects("volume"), mean=healthy)
-    regression, plain = RegressionAccumulator(balance, effects), RegressionAccumulator(balance, effects)
-    told = np.zeros((ROWS, 2, n))
-    told[:, 0, [compliance, lag]], told[:, 1, lag] = noise, -noise
-    sums = {True: [np.zeros((n, n)), np.zeros(n)], False: [np.zeros((n, n)), np.zeros(n)]}
-    for _ in range(frames):
-        truth = np.cumsum(rng.normal(size=ROWS + 2)) * 0.3 + rng.normal(size=ROWS + 2)
-        seen = truth + noise * rng.normal(size=truth.size)
-        x = np.zeros((ROWS, n))
-        x[:, compliance], x[:, lag] = np.diff(seen)[1:], np.diff(seen, 2)
-        y = 0.9 * np.diff(truth)[1:] + 0.4 * np.diff(truth, 2) + np.diff(rng.normal(size=ROWS + 1))
-        for known, of in ((True, regression), (False, plain)):
-            [(m, v, rows, variance)] = of.equations(
-                [RegressionBlock(y, x, np.ones(ROWS, dtype=bool), told if known else None)]
-            )
-            assert rows
-            sums[known][0] += m * variance
-            sums[known][1] += v * variance
-    pair = [compliance, lag]
-    found, drawn = (least_squares(m[np.ix_(pair, pair)], v[pair]) for m, v in (sums[True], sums[False]))
-    np.testing.assert_allclose(found, [0.9, 0.4], atol=0.06)
-    assert np.abs(drawn - [0.9, 0.4]).max() > 0.02 + 0.2 * share, "else this shows nothing"
-
-
-@pytest.mark.parametrize("name", ["volume", "coherence", "shaft"])
-def test_a_noise_that_grows_is_known_after_twenty_seconds(name: str) -> None:
-    """Ten seconds of memory: two of them later nine tenths of the change are in."""
-    balance, rng = BALANCES[name], np.random.default_rng(13)
-    regression, said = RegressionAccumulator(balance, first_effects(name)), []
-    k = np.arange(ROWS)
-    turned = [turn(order * (0.8 * k + 40.0 * rng.uniform())) for order in ORDERS for turn in (np.cos, np.sin)]
-    for frame in range(400):
-        _, x, _ = of_frame(rng, len(balance.columns))
-        if name == "shaft":
-            x = np.column_stack([*turned, np.ones(ROWS), *rng.normal(size=(3, ROWS))])
-        y = (0.1 if frame < 200 else 0.3) * rng.normal(size=ROWS)
-        y = np.diff(y, prepend=0.0) if balance.cumulative else y
-        regression.equations([RegressionBlock(y, x, np.ones(ROWS, dtype=bool))])
-        said.append(regression.variance_sum / regression.weight)
-    before, after, later = said[199], said[240], said[399]
-    assert later == pytest.approx(9.0 * before, rel=0.3)
-    assert 0.8 * (later - before) < after - before
-
-
-def test_too_few_rows_say_nothing() -> None:
-    balance, rng = BALANCES["coherence"], np.random.default_rng(8)
-    y, x, ok = of_frame(rng, len(balance.columns))
-    ok[:] = False
-    ok[-5:] = True
-    regression = RegressionAccumulator(balance, first_effects("coherence"))
-    [(information, vector, rows, variance)] = regression.equations([RegressionBlock(y, x, ok)])
-    assert rows == 0.0 and not information.any() and not vector.any() and variance > 0.0
 
 
 @pytest.mark.parametrize("within", [0.0, 0.3])
@@ -419,26 +221,6 @@ def test_misfits_are_told_at_the_ends_of_frames() -> None:
     assert names == [] and values.shape == (3, 0), "no balance said anything"
 
 
-@pytest.mark.parametrize(("rho", "worth"), [(0.0, 1.0), (0.5, 3.0), (0.8, 9.0)])
-def test_rows_that_hang_together_are_worth_fewer(rho: float, worth: float) -> None:
-    """A mean of n errors of a first-order autoregression varies by (1 + rho) / (1 - rho) of σ² / n."""
-    rng, regression = (
-        np.random.default_rng(14),
-        RegressionAccumulator(BALANCES["force"], first_effects("force")),
-    )
-    n, sigma, found = regression.size, 40.0, []
-    for _ in range(60):
-        error = np.zeros(FRAME_BINS)
-        for k in range(FRAME_BINS):
-            before = error[k - 1] if k else rng.normal() * sigma
-            error[k] = rho * before + np.sqrt(1.0 - rho**2) * sigma * rng.normal()
-        x = rng.normal(size=(FRAME_BINS, n))
-        found.append(regression._coloured(np.column_stack([x, 100.0 * x.sum(axis=1) + error])))
-    assert np.median(found[20:]) == pytest.approx(worth * sigma**2, rel=0.2)
-    assert len(regression.recent) == 20, "ten seconds of them"
-    assert regression._coloured(np.zeros((FRAME_BINS, n + 1))) >= regression.least > 0.0
-
-
 def test_state_goes_on_with_the_same_frames() -> None:
     """Every part of an regression that a later frame depends on is in the state."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(11)
@@ -449,8 +231,9 @@ def test_state_goes_on_with_the_same_frames() -> None:
         rng = np.random.default_rng(seed)
         for name, balance in BALANCES.items():
             for _ in range(4):
-                y, x, ok = of_frame(rng, _design(name))
-                history.equations[name] += history.regressions[name].equations([RegressionBlock(y, x, ok)])
+                y, x = rng.normal(size=ROWS), rng.normal(size=(ROWS, _design(name)))
+                frame = RegressionBlock(y, x, np.ones(ROWS, dtype=bool))
+                history.equations[name] += history.regressions[name].equations([frame])
             assert balance.name == name
         history.frames += [len(history.frames) + k for k in range(4)]
 
