@@ -126,6 +126,15 @@ def kalman_update(x: Array, P: Array, y: Array, H: Array, R_diag: Array, mask: M
         with as many degrees of freedom when the filter is consistent. Infinite when a
         channel that can have no error (``h P h' + r = 0``) has one.
     log_likelihood : ``log N(y; 0, S)`` over the channels used; 0 when there are none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x, P = np.zeros(2), np.eye(2)
+    >>> H, y = np.eye(2), np.array([2.0, np.nan])
+    >>> nis, _ = kalman_update(x, P, y, H, np.ones(2), np.array([True, False]))
+    >>> nis, x.tolist(), np.diag(P).tolist()
+    (2.0, [1.0, 0.0], [0.5, 1.0])
     """
     n = x.shape[0]
     nis = 0.0
@@ -167,6 +176,15 @@ def kalman_update_correlated(
     The channels are made independent first (:func:`decorrelate`), then taken as in
     :func:`kalman_update`, which has the parameters and results. ``K`` (n, m) is filled
     with the gain for the original channels, zero where masked.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x, P, K = np.zeros(1), np.eye(1), np.empty((1, 2))
+    >>> R, both = np.array([[1.0, 0.5], [0.5, 1.0]]), np.ones(2, bool)
+    >>> nis, _ = kalman_update_correlated(x, P, np.array([1.0, 1.0]), np.ones((2, 1)), R, both, K)
+    >>> K.round(4).tolist(), round(P.item(), 4), round(nis, 4)
+    ([[0.2857, 0.2857]], 0.4286, 0.5714)
     """
     n = x.shape[0]
     m = y.shape[0]

@@ -53,7 +53,16 @@ def project(P: Array, H: Array, PHt: Array, HPHt: Array) -> None:
 
 @njit()
 def joseph_update(P: Array, K: Array, H: Array, R: Array) -> None:
-    """Posterior covariance of *any* gain, in place: ``(I - K H) P (I - K H)' + K R K'``."""
+    """Posterior covariance of *any* gain, in place: ``(I - K H) P (I - K H)' + K R K'``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> P = np.eye(1)
+    >>> joseph_update(P, np.array([[0.25]]), np.eye(1), np.array([[2.0]]))
+    >>> P.item()
+    0.6875
+    """
     n, m = K.shape
     A = np.zeros((n, n))
     AP = np.zeros((n, n))

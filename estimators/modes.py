@@ -42,6 +42,12 @@ def mixing_weights(mu: Array, M: Array) -> tuple[Array, Array]:
     """Predicted mode probabilities ``cbar`` (r,) and mixing weights ``omega`` (r, r), columns summing to 1.
 
     A mode that cannot be reached (``cbar_j = 0``) keeps its own filter.
+
+    Examples
+    --------
+    >>> cbar, omega = mixing_weights(np.array([0.5, 0.5]), np.array([[0.75, 0.25], [0.0, 1.0]]))
+    >>> cbar.tolist(), omega.tolist()
+    ([0.375, 0.625], [[1.0, 0.2], [0.0, 0.8]])
     """
     joint = M * mu[:, None]
     cbar = joint.sum(axis=0)
@@ -52,6 +58,12 @@ def moments(x: Array, P: Array, weights: Array) -> tuple[Array, Array]:
     """Mean (n,) and covariance (n, n) of a Gaussian mixture of components (r, n), (r, n, n).
 
     The covariance is that within the components plus that between their means.
+
+    Examples
+    --------
+    >>> mean, covariance = moments(np.array([[0.0], [4.0]]), np.ones((2, 1, 1)), np.array([0.75, 0.25]))
+    >>> mean.item(), covariance.item()
+    (1.0, 4.0)
     """
     mean = (weights[:, None] * x).sum(axis=0)
     away = x - mean
@@ -81,6 +93,12 @@ def update_modes(cbar: Array, log_likelihood: Array) -> tuple[Array, float]:
     -------
     mu (r,), sum 1, and the log-likelihood of the whole bank, ``log sum_j cbar_j exp(l_j)``. A mode that was
     possible keeps at least :data:`LEAST_PROBABILITY`; when every mode is ruled out ``mu`` is ``cbar``.
+
+    Examples
+    --------
+    >>> mu, total = update_modes(np.array([0.5, 0.5]), np.array([-9000.0, -9000.0 - np.log(3.0)]))
+    >>> mu.round(12).tolist(), round(total, 4)
+    ([0.75, 0.25], -9000.4055)
     """
     possible = cbar > 0.0
     peak = float(log_likelihood[possible].max())
