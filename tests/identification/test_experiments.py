@@ -60,8 +60,9 @@ def test_a_system_in_coloured_noise_is_found_with_its_noise():
     s = Series(u, y, np.ones(8000, dtype=bool))
     model = fit_model([s], T, 2, 1)
     truth = ([0.0, 0.5, 0.2, 0.0], [1.0, 0.7, 0.1], [1.0, -0.8, 0.3], [1.0, -1.2, 0.6])
-    for found, true in zip(model.polynomials(), truth, strict=True):
-        assert found == pytest.approx(true, abs=0.07)
+    # The noise's coefficients scatter by 0.04 from draw to draw: its own input is not measured.
+    for found, true, bound in zip(model.polynomials(), truth, (0.02, 0.07, 0.07, 0.02), strict=True):
+        assert found == pytest.approx(true, abs=bound)
     assert np.std(model.errors(s)) == pytest.approx(0.3, rel=0.03)
 
 
