@@ -144,3 +144,14 @@ def test_the_prior_moves_what_is_answered(run, logs, tmp_path: Path) -> None:
     # Up to what a log could have shown, which goes by the score that is asked of it.
     assert odds[0.5] / 15.0 < odds[0.1] < odds[0.5] / 5.0
     assert run("diagnose", logs["healthy"], "--prior", 1.5).exit_code == 2
+
+
+def test_a_log_cut_short_is_diagnosed_as_far_as_it_goes(run, logs, tiny_model_file, tmp_path) -> None:
+    content = logs["leaking"].read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(content[: int(len(content) * 0.6)])
+    result = run("diagnose", path, "--model", tiny_model_file, "--json", "-")
+    assert result.exit_code == 0
+    answer = json.loads(result.stdout)
+    assert 10.0 < answer["duration_s"] < 19.9
+    assert any("truncated" in n for n in answer["quality"]["notes"])

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from estimators import SVSF, ExtendedKalmanFilter, jacobian
+from estimators import SVSF, ExtendedKalmanFilter, jacobian, nis_band
 from estimators.kernels import kalman_update
 
 
@@ -305,3 +305,31 @@ def test_with_bad_samples_it_beats_the_kalman_filter_and_without_it_costs_little
         rms[share] = np.sqrt(np.mean(np.square(errors), axis=0))
     assert rms[0.0][1] < 1.03 * rms[0.0][0]
     assert rms[0.05][1] < 0.5 * rms[0.05][0]
+
+
+@pytest.mark.parametrize("dim_z", [1, 2])
+def test_nis_is_in_its_band_when_the_model_is_right(dim_z: int) -> None:
+    """200 seeded runs of 100 steps. The test would fail by chance once in 1000 seeds (99.9 % band)."""
+    rng = np.random.default_rng(10)
+    runs, steps = 200, 100
+    F, H = np.array([[1.0, 0.1], [0.0, 0.98]]), np.eye(2)[:dim_z]
+    Q, R = np.diag([1e-3, 1e-2]), np.diag([0.1, 0.2][:dim_z])
+    total, worst_share = 0.0, 0
+    low95, high95 = nis_band(dim_z, steps)
+    for _ in range(runs):
+        kf = ExtendedKalmanFilter(2, dim_z)
+        kf.F, kf.H, kf.Q, kf.R = F, H, Q, R
+        x = rng.normal(size=2)
+        kf.x = np.zeros(2)
+        nis = 0.0
+        for _ in range(steps):
+            x = F @ x + rng.normal(size=2) * np.sqrt(np.diag(Q))
+            kf.predict()
+            kf.update(H @ x + rng.normal(size=dim_z) * np.sqrt(np.diag(R)))
+            nis += kf.nis
+        worst_share += not low95 <= nis / steps <= high95
+        total += nis
+    low, high = nis_band(dim_z, runs * steps, 0.999)
+    assert low < total / (runs * steps) < high
+    # The 95 % band of one run rejects 5 % of them: 200 runs give 10, and 1 to 21 in 99.9 % of seeds.
+    assert stats.binom.ppf(0.0005, runs, 0.05) <= worst_share <= stats.binom.ppf(0.9995, runs, 0.05)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fdd.plant import state as s
+from fdd.plant.prepare import prepare
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
@@ -104,3 +105,30 @@ def _before(truth: Truth, position: float) -> float:
     """Velocity in the last millisecond before the piston first gets there."""
     first = int(np.flatnonzero(truth["position"] >= position)[0])
     return float(truth["velocity"][first - 1])
+
+
+def test_friction_follows_equation_5_12_when_sliding():
+    """Steady sliding at several speeds gives each direction's curve, times the run's spread."""
+    duty = {
+        "name": "constant_speed",
+        "speeds": [80.0, 160.0, 250.0],
+        "amplitude": 0.11,
+        "dwell": 0.3,
+        "turn": 6.0,
+    }
+    scenario = Scenario(duration=20.0, duty=duty, control=SPEED, recording=WHOLE, seed=4)
+    truth, par = simulate(UNIT, scenario).truth, prepare(UNIT, scenario).parameters[0]
+    assert abs(par.coulomb_forward / UNIT.friction.forward.coulomb - 1.0) > 1e-3
+    v = truth["velocity"]
+    steady = np.abs(v - np.roll(v, 100)) < 2e-4
+    for sign, branch, ratio in (
+        (1.0, UNIT.friction.forward, par.coulomb_forward / UNIT.friction.forward.coulomb),
+        (-1.0, UNIT.friction.reverse, par.coulomb_reverse / UNIT.friction.reverse.coulomb),
+    ):
+        rows = steady & (sign * v > 0.02)
+        assert rows.sum() > 1000
+        curve = branch.coulomb + (branch.static - branch.coulomb) * np.exp(
+            -((np.abs(v) / branch.stribeck_velocity) ** branch.stribeck_exponent)
+        )
+        expected = sign * (ratio * curve + branch.viscous * np.abs(v))
+        assert np.median(np.abs(truth["friction_force"] - expected)[rows]) < 2.0

@@ -232,3 +232,10 @@ def test_two_senders_that_count_alike_make_no_negative_counts() -> None:
         order.take([steady(number, 0.1 * number, seed=seed) for seed in (1, 2)])
         assert order.counts["missing_blocks"] in (0, 1)
     assert order.counts["missing_blocks"] == 1
+
+
+def test_silence_passes_on_what_is_held() -> None:
+    order = Order()
+    assert len(order.take([steady(None, 0.0)])) == 0 and len(order.flush()) == 10
+    assert len(order.take([steady(None, 0.1)])) == 0 and len(order.flush()) == 10
+    assert order.held_samples == 0
