@@ -286,6 +286,8 @@ class AxisWatch:
             raise InputError(problem, where=where, mend=mend) from None
         self.samples, self.rate_hz, self.failed = (scalars[k] for k in ("samples", "rate_hz", "failed"))
         self.last_wall = scalars["last_wall"]
+        # Looks fall due at the same rows as without the restart.
+        self._frame = self.order.clock.last_time // FRAME_S
         self._unchecked = None if scalars.get("checked", self.failed is None) else []
         self.standing = [] if self.failed else self.pipeline.standing
         self.probabilities, self.estimates, _ = self.pipeline.now()

@@ -78,7 +78,12 @@ def test_live_is_what_the_pipeline_says_of_the_whole(lags: bool, store: Store, l
     assert status.quality["repeated"] > 0 and status.quality["reordered"] > 0
 
 
-def test_it_goes_on_from_its_checkpoint_and_journal(store: Store, log: Samples) -> None:
+@pytest.mark.parametrize("every", [0.0, 1.0])
+def test_it_goes_on_from_its_checkpoint_and_journal(
+    every: float, store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fdd.service.fleet.CHECKPOINT_S", every)
+    monkeypatch.setattr("fdd.service.fleet.CHECKPOINT_AXIS_S", 0.0)
     blocks = blocks_of(log)
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks[:252])
