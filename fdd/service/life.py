@@ -38,6 +38,11 @@ def said_key(axis: str) -> str:
     return f"said {axis}"
 
 
+def worked_key(axis: str) -> str:
+    """Under which word of the store stands the journal's last row that was worked, of an axis put off."""
+    return f"worked {axis}"
+
+
 def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:
     """An axis and its profile; None where the store does not hold it.
 
