@@ -66,8 +66,9 @@ def feature_table(directory: str | Path, *, model: str | None = None, **how: Unp
     ------
     InputError : not a data set, without baselines, or an unusable model.
     """
-    rows = over_units(_unit_rows, directory, model, **how)
-    return table_of(rows, Dataset.load(directory).manifest, Model.load(model).sha256)
+    learnt = Model.load(model)
+    rows = over_units(_unit_rows, [directory], learnt, **how)
+    return table_of(rows, Dataset.load(directory).manifest, learnt.sha256)
 
 
 def table_of(rows: list[dict[str, Any]], data: Manifest, model_sha256: str) -> pa.Table:
@@ -96,13 +97,11 @@ def _type(name: str, unit: str) -> pa.DataType:
     return pa.float64() if name in FEATURES or unit else pa.string()
 
 
-def _unit_rows(directory: str, model: str | None, unit: str) -> list[dict[str, Any]]:
-    data = Dataset.load(directory)
-    profile, learnt = identified_unit(data, unit), Model.load(model)
-    rows = []
+def _unit_rows(data: Dataset, unit: str, model: Model) -> list[dict[str, Any]]:
+    profile, rows = identified_unit(data, unit), []
     for entry in data.logs_of(unit):
         samples = data.samples(entry)
-        answer, row = log_features(samples, profile, learnt)
+        answer, row = log_features(samples, profile, model)
         span = {"start_s": float(samples.time[0]), "end_s": float(samples.time[-1])}
         conditions = {name: getattr(entry.scenario, name) for name in ("load", "duty", "control")}
         rows.append({**entry.told, **span, **conditions, **_answer(answer), **row})

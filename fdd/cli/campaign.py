@@ -159,7 +159,7 @@ def train(
             from fdd.campaign.spreads import learn_spreads
 
             with counted("what healthy logs differ by") as step:
-                found = learn_spreads([str(d) for d in datasets], workers=count, progress=step)
+                found = learn_spreads(datasets, workers=count, progress=step)
         with counted("training") as step:
             model, logs = fit(datasets, workers=count, progress=step, spreads=found)
     except InputError as error:
