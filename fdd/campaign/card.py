@@ -16,12 +16,11 @@ from fdd.campaign.dataset import (
     SUMS,
     Dataset,
     Entry,
-    sha256_of,
     split_of,
 )
 from fdd.campaign.visibility import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.faults import CATALOGUE
-from fdd.files import write_text
+from fdd.files import sha256_of, write_text
 from fdd.markdown import table
 from fdd.yaml_reading import yaml_of
 

@@ -16,6 +16,7 @@ from fdd.bounds import MAX_JSON_BYTES
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.visibility import ChannelVisibility
 from fdd.errors import InputError
+from fdd.files import sha256_of
 from fdd.logs import read_log
 from fdd.plant.truth import TRUTH, Truth
 from fdd.plant.validated import Validated
@@ -311,12 +312,6 @@ def _read(kind: type[M], plain: dict[str, Any], where: Path) -> M:
 def digest(recipe_text: str, labels_text: str) -> str:
     """SHA-256 over a data set's labels and recipe, as its files have them."""
     return hashlib.sha256(labels_text.encode() + b"\0" + recipe_text.encode()).hexdigest()
-
-
-def sha256_of(path: Path) -> str:
-    """Of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def split_of(units: Sequence[str], seed: int = 0) -> dict[str, Split]:
