@@ -1,8 +1,10 @@
-"""``fdd diagnose``: logs in, answers out."""
+"""``fdd diagnose``: logs in, answers out; ``fdd demo``: the same on a shipped log."""
 
 from __future__ import annotations
 
 import json
+import shlex
+import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 
 FAULT_STATUS, UNREADABLE_STATUS, INCONCLUSIVE_STATUS = 1, 2, 3
 SAVE_EVERY_S = 5.0
+DEMO_LOG, DEMO_UNIT = "demo.mcap", "unit.yaml"
 
 
 def diagnose(
@@ -196,3 +199,30 @@ def _tell(
         told = f"{len(answers) - unread} of {len(jobs)} logs diagnosed"
         told += f", {unread} could not be read" if unread else ""
         console.print(f"{told}; written to {folder.path / 'index.html'}", soft_wrap=True)
+
+
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Report to write.")] = Path("fdd-demo-report.html"),
+    model: options.ModelOption = None,
+) -> None:
+    """Diagnose a shipped log of a leaking actuator and write its report."""
+    from fdd.files import require_writable
+
+    require_writable(out)
+
+    from importlib import resources
+
+    from fdd.cli.console import output
+    from fdd.cli.tables import diagnosis_view
+    from fdd.offline.diagnoser import Diagnoser, Job, Settings
+
+    with resources.as_file(resources.files("fdd") / "demo") as folder:
+        job = Job(folder / DEMO_LOG, DEMO_LOG, report=out)
+        diagnoser = Diagnoser(Settings(unit=str(folder / DEMO_UNIT), model=model))
+        found = diagnoser.diagnose(job, diagnoser.read(job))
+    diagnoser.write(job, found)
+    output().print(diagnosis_view(found.diagnosis, found.unit))
+    print(f"Report with all plots: {out.resolve()}")
+    fdd = "fdd" if shutil.which("fdd") else sys.argv[0]  # make demo's stands in .venv/bin, in no path
+    words = [fdd, "diagnose", folder / DEMO_LOG, "--unit", folder / DEMO_UNIT, "--report", "report.html"]
+    print(f"The same by hand: {shlex.join(map(str, words))}")
