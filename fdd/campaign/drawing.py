@@ -7,7 +7,7 @@ stream of its own, so that neither the number of workers nor the order of work c
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from fdd.campaign import population
 from fdd.campaign.motion import changing, drawn_mission, fitting_duty
+from fdd.campaign.population import BETWEEN_UNITS, Spread
 from fdd.campaign.ranges import Rng, apportioned, chosen, drawn, log_uniform, uniform
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import Scale
@@ -30,14 +31,6 @@ from fdd.plant.sensors.recording import Recording
 from fdd.unit import Cylinder, Section, Unit
 
 S = TypeVar("S", bound=Section)
-
-VARIED = {
-    section: tuple(name for name in spreads if name != "oil_volume")
-    for section, spreads in population.BETWEEN_UNITS.items()
-}
-"""Numbers of a profile that describe the rig; what is left out is a definition (reference pressure and
-temperature), a rating (maximum speed, ranges) or hardly varies (polytropic index, density)."""
-VARIED_FRICTION = tuple(population.FRICTION)
 
 COUNTED = ("pump_angle", "pump_speed", "position", "command")
 """Channels of incremental encoders and set-points: their gain is exact."""
@@ -102,28 +95,24 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     sheet = unit
     stated = recipe.population == "stated"
 
-    def around(share: float, size: int) -> list[float]:
-        return (1.0 + share * rng.uniform(-1.0, 1.0, size)).tolist()
+    def varied(section: S, spreads: Mapping[str, Spread], level: float = 1.0) -> S:
+        """The section with these numbers drawn anew; dry friction goes by a level that all of it shares."""
+        changed = {}
+        for name, spread in spreads.items():
+            factor = (spread if stated else spread.alike(recipe.variation)).factor(rng)
+            shared = level if name in ("coulomb", "static") else 1.0
+            changed[name] = float(getattr(section, name) * (factor * shared))
+        provenance = {n: p for n, p in section.provenance.items() if n not in changed}
+        return section.model_copy(update={**changed, "provenance": provenance})
 
-    def varied(name: str, section: S, names: tuple[str, ...]) -> S:
-        spreads = population.BETWEEN_UNITS[name]
-        if stated:
-            return _times(section, names, [spreads[each].factor(rng) for each in names])
-        return _times(section, names, around(recipe.variation, len(names)))
-
-    cylinder = varied("cylinder", unit.cylinder, VARIED["cylinder"])
+    cylinder = varied(unit.cylinder, BETWEEN_UNITS["cylinder"])
     ratio = unit.cylinder.area_2 / unit.cylinder.area_1
-    mismatch = population.AREA_RATIO.factor(rng) if stated else around(recipe.area_mismatch, 1)[0]
-    cylinder = cylinder.model_copy(update={"area_2": float(cylinder.area_1 * ratio * mismatch)})
+    areas = population.AREA_RATIO if stated else population.AREA_RATIO.alike(recipe.area_mismatch)
+    cylinder = cylinder.model_copy(update={"area_2": float(cylinder.area_1 * ratio * areas.factor(rng))})
     branches = {}
     level = population.FRICTION_LEVEL.factor(rng) if stated else 1.0
-    common = {"coulomb": level, "static": level}
     for name in ("forward", "reverse"):
-        if stated:
-            factors = [s.factor(rng) * common.get(n, 1.0) for n, s in population.FRICTION.items()]
-        else:
-            factors = around(recipe.variation, len(VARIED_FRICTION))
-        branch = _times(getattr(unit.friction, name), VARIED_FRICTION, factors)
+        branch = varied(getattr(unit.friction, name), population.FRICTION, level)
         branches[name] = branch.model_copy(update={"static": max(branch.static, branch.coulomb)})
     parts: dict[str, Any] = {
         "cylinder": cylinder if scale is None else _with_room(cylinder),
@@ -131,13 +120,13 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
         "sensors": _sensors(recipe, unit, rng, scale),
     }
     for name in ("pump", "oil", "accumulator", "drive"):
-        parts[name] = varied(name, getattr(unit, name), VARIED[name])
+        parts[name] = varied(getattr(unit, name), BETWEEN_UNITS[name])
     if stated:
         parts["oil"] = population.with_its_air(parts["oil"], unit.oil)
     details = drawn(rng, Details.usual)
     details["pump_teeth"] = round(details["pump_teeth"])
     if unit.accumulator.oil_volume is not None:  # after all that every profile has
-        parts["accumulator"] = varied("accumulator", parts["accumulator"], ("oil_volume",))
+        parts["accumulator"] = varied(parts["accumulator"], population.OIL_VOLUME)
     by = "as stated in fdd.campaign.population" if stated else f"by ±{recipe.variation:.0%}"
     description = f"{base} varied {by}, drawn for {recipe.name}."
     made = unit.model_copy(
@@ -149,12 +138,6 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
         details = structure.drawn_details(details, stream(recipe, "details", index))
     made = Unit.from_yaml(made.to_yaml())
     return Rig(made, Details(**details), base, sheet, recording, structure, scale)
-
-
-def _times(section: S, names: tuple[str, ...], factors: list[float]) -> S:
-    changed = {n: float(getattr(section, n) * f) for n, f in zip(names, factors, strict=True)}
-    provenance = {n: p for n, p in section.provenance.items() if n not in changed}
-    return section.model_copy(update={**changed, "provenance": provenance})
 
 
 D = TypeVar("D", bound=Departure)
