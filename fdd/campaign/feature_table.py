@@ -82,19 +82,15 @@ def table_of(rows: list[dict[str, Any]], data: Manifest, model_sha256: str) -> p
     plain = {name: [split[r["unit"]] if name == "split" else r[name] for r in rows] for name in TOLD}
     plain |= {name: [r[name] for r in rows] for name in FEATURES}
     kinds = {**TOLD, **{n: ("feature", f.unit, f.meaning) for n, f in FEATURES.items()}}
-    fields = [
-        pa.field(name, _type(name, unit), metadata={"role": role, "unit": unit, "meaning": meaning})
-        for name, (role, unit, meaning) in kinds.items()
-    ]
+    fields = []
+    for name, (role, unit, meaning) in kinds.items():
+        kind = pa.float64() if name in FEATURES or unit else pa.string()
+        fields.append(pa.field(name, kind, metadata={"role": role, "unit": unit, "meaning": meaning}))
     about = {
         "schema": SCHEMA, "fdd": __version__, "data": data.name, "data_sha256": data.sha256,
         "model_sha256": model_sha256, "window_s": None,
     }  # fmt: skip
     return pa.table(plain, schema=pa.schema(fields, metadata={KEY: json.dumps(about)}))
-
-
-def _type(name: str, unit: str) -> pa.DataType:
-    return pa.float64() if name in FEATURES or unit else pa.string()
 
 
 def _unit_rows(data: Dataset, unit: str, model: Model) -> list[dict[str, Any]]:

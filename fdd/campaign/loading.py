@@ -61,15 +61,12 @@ class LabelledData:
         ------
         InputError : the data set has no features.
         """
-        rows = self._rows(split)
+        rows = self.rows(split)
         x = rows[list(self.names)].to_numpy(dtype=np.float64)
         return x, rows[target].to_numpy(dtype=np.str_), rows["unit"].to_numpy(dtype=np.str_)
 
-    def own_answers(self, split: Split | None = None, target: Target = "family") -> Strings:
-        """What fdd itself answered on the rows of `arrays`, (n,)."""
-        return np.asarray(self._rows(split)[f"answer_{target}"].to_numpy(dtype=np.str_))
-
-    def _rows(self, split: Split | None) -> pd.DataFrame:
+    def rows(self, split: Split | None = None) -> pd.DataFrame:
+        """The table of features, of one split or whole; an InputError as of `arrays`."""
         if self.features is None:
             folder = self.data.directory
             mend = f"make them with: fdd features {folder} -o {folder / FEATURES_FILE}"

@@ -12,6 +12,7 @@ import typer
 from fdd.cli import options
 from fdd.cli.options import argument, option, require_packages
 from fdd.errors import InputError
+from fdd.files import require_writable, write_text, written
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -35,8 +36,6 @@ def generate(
     engine: options.EngineOption = "local",
 ) -> None:  # fmt: skip
     """Generate a labelled data set of simulated runs."""
-    from fdd.files import require_writable
-
     require_writable(out, folder=True)
 
     from fdd.campaign.generate import generate as run
@@ -65,8 +64,6 @@ def features(
     engine: options.EngineOption = "local",
 ) -> None:  # fmt: skip
     """Make a table of features and truth of a data set: a row for each log."""
-    from fdd.files import require_writable
-
     require_writable(out)
 
     from fdd.campaign.feature_table import feature_table, write_features
@@ -87,8 +84,6 @@ def validate(
     engine: options.EngineOption = "local",
 ) -> None:
     """Diagnose every log of a data set and compare with its truth."""
-    from fdd.files import require_writable, write_text, written
-
     if out is not None:
         require_writable(out, folder=True)
 
@@ -134,8 +129,6 @@ def train(
     workers: options.WorkersOption = None,
 ) -> None:
     """Learn from data sets how often healthy logs reach a score, and what a score is worth."""
-    from fdd.files import require_writable
-
     require_writable(out)
     if classifier is not None:
         _train_classifier(classifier, datasets, out, target, workers)

@@ -16,6 +16,7 @@ import typer
 from fdd.cli import options
 from fdd.cli.options import argument, option, require_outputs, write_json
 from fdd.errors import InputError
+from fdd.files import require_writable
 
 if TYPE_CHECKING:
     from fdd.cli.batch import AnswersFolder
@@ -79,7 +80,6 @@ def diagnose(
 ) -> None:  # fmt: skip
     """Diagnose logs: is there a fault, since when, which one, and how severe."""
     from fdd.cli.batch import AnswersFolder, worked
-    from fdd.cli.console import progress
     from fdd.cli.which_logs import find_logs
     from fdd.offline.diagnoser import Diagnoser, Settings
 
@@ -101,13 +101,11 @@ def diagnose(
             if folder:
                 folder.begin()
             todo, saved = [(k, job) for k, job in enumerate(jobs) if k not in answers], time.monotonic()
-            with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
-                for k, answer in worked(todo, settings, workers, engine):
-                    answers[k] = answer
-                    advance(len(answers))
-                    if folder and time.monotonic() - saved > SAVE_EVERY_S:
-                        folder.write(jobs, answers, pages=False)
-                        saved = time.monotonic()
+            for k, answer in worked(todo, settings, workers, engine):
+                answers[k] = answer
+                if folder and time.monotonic() - saved > SAVE_EVERY_S:
+                    folder.write(jobs, answers, pages=False)
+                    saved = time.monotonic()
     finally:
         if answers:
             if folder:
@@ -206,8 +204,6 @@ def demo(
     model: options.ModelOption = None,
 ) -> None:
     """Diagnose a shipped log of a leaking actuator and write its report."""
-    from fdd.files import require_writable
-
     require_writable(out)
 
     from importlib import resources

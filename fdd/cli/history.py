@@ -12,6 +12,7 @@ import typer
 from fdd.cli import options
 from fdd.cli.options import argument, option, require_outputs, require_packages, write_json
 from fdd.errors import InputError
+from fdd.files import require_writable, write_text, written
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
@@ -88,7 +89,6 @@ def trend(
     workers: options.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
-    from fdd.files import require_writable, write_text, written
     from fdd.history.trend import given_limits, severity_one, trend_of
     from fdd.history.view import trend_csv, trend_sheet
     from fdd.offline.diagnoser import Settings
@@ -138,7 +138,6 @@ def trend(
 def _tell(answer: str, sheet: Sheet, json_: str | None, report: Path | None) -> None:
     """An answer as data, as a page, and for people."""
     from fdd.cli.tables import print_sheet
-    from fdd.files import write_text
     from fdd.report.page import render_sheet
 
     write_json(json_, answer)
@@ -179,18 +178,13 @@ def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered
 
 def _of_logs(logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None) -> Answered:
     from fdd.cli.batch import worked
-    from fdd.cli.console import progress
     from fdd.cli.which_logs import find_logs, names_of
     from fdd.offline.diagnoser import Diagnoser, Job, unit_of
 
     paths = find_logs(logs, leave_out)
     jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
     diagnoser = Diagnoser(settings)
-    found: dict[int, Diagnosis] = {}
-    with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
-        for k, answer in worked(list(enumerate(jobs)), settings, workers):
-            found[k] = answer
-            advance(len(found))
+    found = dict(worked(list(enumerate(jobs)), settings, workers))
     answers, unit = [found[k] for k in sorted(found)], diagnoser.unit
     first = next((job for job, answer in zip(jobs, answers, strict=True) if answer.error is None), None)
     if unit is None and first is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ import typer
 
 from fdd.cli import options
 from fdd.cli.options import argument, option, require_outputs, write_json
+from fdd.files import write_text
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -46,8 +48,6 @@ def identify(
     verbose: Annotated[bool, typer.Option(help="Sensors and notes too.")] = False,
 ) -> None:
     """Identify a unit from its healthy logs, so that its own spread is no fault."""
-    import json
-
     from fdd.cli.console import progress
     from fdd.identification.from_logs import identify_logs
 
@@ -154,10 +154,7 @@ def experiment(
 
     What a log does not tell is said, and why.
     """
-    import json
-
     from fdd.cli.console import progress
-    from fdd.files import write_text
     from fdd.identification.experiments.bulk_modulus import bulk_modulus
     from fdd.identification.experiments.friction import friction
     from fdd.identification.experiments.gain import gain

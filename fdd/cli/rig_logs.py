@@ -10,6 +10,7 @@ import typer
 
 from fdd.cli.options import argument, option
 from fdd.errors import InputError
+from fdd.files import require_writable, write_text
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -101,7 +102,6 @@ def map(
 ) -> None:  # fmt: skip
     """Propose a channel map from names, units and what the signals do; ask where that is not enough."""
     from fdd.cli.console import output, progress, remark
-    from fdd.files import require_writable, write_text
     from fdd.logs import ChannelMap, read_log
     from fdd.logs.formats import open_log
     from fdd.logs.mapping import Words, given_of, propose
