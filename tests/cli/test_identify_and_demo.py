@@ -1,4 +1,4 @@
-"""Identification, the demo, and the campaign's commands, end to end."""
+"""Identification, experiments, the demo, and the campaign's commands, end to end."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import sys
 from importlib import resources
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from rich.console import Console
 
@@ -19,6 +20,7 @@ from fdd.campaign.scores import wilson
 from fdd.campaign.train import ScoredLog
 from fdd.cli.campaign import confusion_table
 from fdd.diagnosis.baseline import BASELINE_VERSION
+from fdd.logs import read_log
 from fdd.residuals.balances import BALANCES
 from fdd.unit import Unit
 
@@ -109,6 +111,33 @@ def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, mad
     one_line(run("identify", healthy_strokes, healthy_strokes, "-o", out), "give each log once")
     one_line(run("identify", "--add", made[1], healthy_strokes, "-o", out), "counts already")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["frequency-response", "friction", "leakage", "gain", "bulk-modulus"])
+def test_each_kind_tells_and_says_what_it_does_not(run, healthy_strokes, tmp_path, kind) -> None:
+    page, data = tmp_path / "page.html", tmp_path / "data.json"
+    result = run("experiment", kind, healthy_strokes, "--html", page, "--json", data)
+    assert result.exit_code == 0, result.stderr
+    found = json.loads(data.read_text())
+    assert found["schema"] == "fdd.experiment/1" and found["experiment"] == kind
+    assert found["logs"] == ["strokes.mcap"] and found["unit"] == "axis_a"
+    for told in found["told"]:
+        low, high = told["interval"]
+        assert low <= told["value"] <= high and told["quantity"] in page.read_text()
+    assert found["told"] or found["not_told"]
+    # 80 columns cut neither numbers nor names.
+    cells = [cell for row in found["table"] for cell in row.values()]
+    assert all(word in result.stdout for cell in cells for word in cell.split())
+    assert ("Not told" in result.stdout) == bool(found["not_told"])
+
+
+def test_a_log_without_command_is_refused_in_one_line(run, one_line, healthy_strokes, tmp_path) -> None:
+    log = read_log(healthy_strokes).samples
+    columns = {c: log[c] for c in ("position", "pump_angle", "pressure_difference")}
+    pd.DataFrame({"time": log.time, **columns}).to_csv(tmp_path / "bare.csv", index=False)
+    one_line(
+        run("experiment", "frequency-response", tmp_path / "bare.csv", "--input", "command"), "no command"
+    )
 
 
 def test_the_shipped_demo_is_of_this_version_and_small() -> None:

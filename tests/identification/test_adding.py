@@ -10,7 +10,6 @@ from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
 from fdd.identification import identify_unit
 from fdd.identification.from_logs import add_logs
-from fdd.identification.judgement import judge
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -51,14 +50,6 @@ def test_added_logs_count_as_if_all_had_been_there(
         assert one.noise == pytest.approx(other.noise, rel=0.25)
     assert {row.quantity for row in found.balances} >= {"leakage", "travel per rad of the pump"}
     assert added.pump == profile.pump and added.cylinder == profile.cylinder
-
-
-def test_a_leaking_log_is_not_added(profile: Unit) -> None:
-    fault = {"fault": "internal_leakage", "severity": 0.5, "onset": 0.0}
-    leaking = work(spread_unit(4), 80, duty="steps", load="spring", fault=fault)
-    found, added = add_logs([leaking], profile, ["new"])
-    result = judge(found, added, profile, [leaking], ["new"], more=True)
-    assert result.verdict == "not usable" and "leakage differs" in result.sentence
 
 
 def test_a_profile_without_its_balances_takes_no_logs(logs: list[Samples], profile: Unit) -> None:

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from fdd import InputError, Scenario, Unit, identify, read_log, simulate
+from fdd import InputError, Scenario, Unit, identify, read_log
 from fdd.cli.app import app
 from fdd.plant.to_file import write_simulation
 
@@ -53,24 +53,15 @@ def test_samples_and_logs_serve_as_well(log: Path) -> None:
     assert list(from_log.origin.logs.values()) == ["one.mcap"]
 
 
-def test_what_cannot_be_used_is_refused_in_one_line(log: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_used_is_refused_in_one_line(log: Path) -> None:
+    """Beside what the command refuses, by the same function (`tests/cli/test_identify_and_demo.py`)."""
     samples = read_log(log).samples
     for logs, more, words in (
         ([], {}, "no healthy log"),
-        (tmp_path / "none.mcap", {}, "none.mcap"),
-        (log, {"base": "axis_z"}, "axis_z"),
-        (log, {"name": "a/b"}, "a/b"),
         ([samples, samples], {}, "give each log once"),
-        ([log, log], {}, "give each log once"),
         (log, {"add": "axis_a"}, "no healthy baseline"),
         (samples.with_columns({"pump_angle": -samples["pump_angle"]}), {}, "log 1"),
     ):  # fmt: skip
         with pytest.raises(InputError) as caught, warnings.catch_warnings():
             identify(logs, **more)
         assert words in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_a_unit_may_be_named_where_it_is_simulated() -> None:
-    short = Scenario(duration=0.2, seed=3)
-    one, two = simulate("axis_b", short), simulate(Unit.load("axis_b"), short)
-    assert (one.samples["position"] == two.samples["position"]).all() and one.unit.name == "axis_b"
