@@ -90,7 +90,7 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     else:
         unit = structure.data_sheet(base, stream(recipe, "structure", index), recipe.oil_temperatures)
         base = structure.base or (base if structure.size is None else structure.name)
-        scale = None if structure.size is None else Scale.of(unit)
+        scale = None if structure.size is None else Scale(unit)
         recording = structure.recording(recording)
     sheet = unit
     stated = recipe.population == "stated"

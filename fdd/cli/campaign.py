@@ -66,7 +66,7 @@ def features(
     """Make a table of features and truth of a data set: a row for each log."""
     require_writable(out)
 
-    from fdd.campaign.feature_table import feature_table, write_features
+    from fdd.campaign.loading import feature_table, write_features
     from fdd.cli.console import counted
 
     asked = None if model is None else str(model)

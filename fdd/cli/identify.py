@@ -17,10 +17,9 @@ from fdd.files import write_text
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from fdd.identification import Identification
     from fdd.identification.experiments.outcome import Outcome
     from fdd.identification.from_logs import Identified
-    from fdd.identification.profile import TableRow
+    from fdd.identification.profile import Identification, TableRow
     from fdd.identification.record import Record
 
 Experiment = Literal["frequency-response", "friction", "leakage", "gain", "bulk-modulus"]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fdd.identification import Identification
+from fdd.identification.profile import Identification
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples

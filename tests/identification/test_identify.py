@@ -10,8 +10,9 @@ from healthy_units import TEMPERATURE, Case, calibration_logs, random_unit
 from spread_units import only
 
 from fdd.errors import InputError
-from fdd.identification import Identification, identify_unit
+from fdd.identification import identify_unit
 from fdd.identification.friction import curve
+from fdd.identification.profile import Identification
 from fdd.plant import oil as plant_oil
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
