@@ -99,10 +99,17 @@ def learnt_spread(
     freedom = 4.0
     weights = [np.ones(len(u.vector)) for u in units]
     for _ in range(iterations):
-        found = [_unit(u, w, m, units_variance, parts, freedom) for u, w in zip(units, weights, strict=True)]
-        weights = [f.weights for f in found]
+        found = [
+            log_effects(u.information, u.vector, u.conditions @ parts / w[:, None], m, units_variance)
+            for u, w in zip(units, weights, strict=True)
+        ]
+        squares = np.concatenate([w[:, None] * f.squares for f, w in zip(found, weights, strict=True)])
+        weights = [
+            (freedom + f.told.sum(axis=1)) / (freedom + f.distance / w)
+            for f, w in zip(found, weights, strict=True)
+        ]
         total = conditions @ parts
-        excess = (np.concatenate([f.squares for f in found]) - total) / np.square(total)
+        excess = (squares - total) / np.square(total)
         for k, part in enumerate(parts):
             has = conditions[:, k] > 0.0
             if has.any():
@@ -124,25 +131,6 @@ def learnt_spread(
         freedom,
         float(np.sqrt(usual[1])),
     )
-
-
-@dataclass(frozen=True)
-class _Unit:
-    """Expectations of one unit: its mean (n,) and its variance; of each log the squares of its differences
-    times its weight (l, n), the share of each that it tells (l, n), and its weight (l,)."""
-
-    mean: Array
-    variance: Array
-    squares: Array
-    told: Array
-    weights: Array
-
-
-def _unit(logs: UnitLogs, weights: Array, m: Array, units: Array, parts: Array, freedom: float) -> _Unit:
-    variances = logs.conditions @ parts / weights[:, None]
-    found = log_effects(logs.information, logs.vector, variances, m, units)
-    fresh = (freedom + found.told.sum(axis=1)) / (freedom + found.distance / weights)
-    return _Unit(found.mean, found.variance, weights[:, None] * found.squares, found.told, fresh)
 
 
 def _freedom(weights: Array, told: Array, freedom: float) -> float:

@@ -102,7 +102,7 @@ def identify_unit(
     hydraulics(out, records)
     _charge(out, records)
     _friction(out, records)
-    for channel, fit in fit_sensors(list(logs), records, base).items():
+    for channel, fit in fit_sensors(list(logs), records).items():
         out.put_sensor(channel, fit)
     mismatch = gain_mismatch(records)
     if mismatch is not None and abs(mismatch) > 5e-3:
