@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
     from fdd.history.trend import Each
     from fdd.offline.diagnoser import Settings
-    from fdd.report.page import Sheet
     from fdd.unit import Unit
 
 UNREADABLE_STATUS = 2
@@ -39,6 +38,7 @@ def compare(
 ) -> None:
     """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
     from fdd.cli.console import progress
+    from fdd.cli.tables import tell_sheet
     from fdd.cli.which_logs import names_of
     from fdd.history.compare import Side
     from fdd.history.compare import compare as compared
@@ -63,7 +63,8 @@ def compare(
             advance(float(len(sides)))
     answer, spectra = compared(sides[0], sides[1], diagnoser.unit)
     answer.notes += notes
-    _tell(answer.model_dump_json(by_alias=True, indent=2), compare_sheet(answer, spectra), json_, report)
+    told = answer.model_dump_json(by_alias=True, indent=2)
+    tell_sheet(told, compare_sheet(answer, spectra), json_, report)
 
 
 def trend(
@@ -89,6 +90,7 @@ def trend(
     workers: options.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
+    from fdd.cli.tables import tell_sheet
     from fdd.history.trend import given_limits, severity_one, trend_of
     from fdd.history.view import trend_csv, trend_sheet
     from fdd.offline.diagnoser import Settings
@@ -130,21 +132,9 @@ def trend(
         write_json(str(output_ / "trend.json"), told)
         write_text(output_ / "trend.csv", trend_csv(life))
         write_text(output_ / "index.html", render_sheet(sheet, alone=False))
-    _tell(told, sheet, json_, report)
+    tell_sheet(told, sheet, json_, report)
     if any(a.error for a in answers):
         raise typer.Exit(UNREADABLE_STATUS)
-
-
-def _tell(answer: str, sheet: Sheet, json_: str | None, report: Path | None) -> None:
-    """An answer as data, as a page, and for people."""
-    from fdd.cli.tables import print_sheet
-    from fdd.report.page import render_sheet
-
-    write_json(json_, answer)
-    if report is not None:
-        write_text(report, render_sheet(sheet))
-    if json_ != "-":
-        print_sheet(sheet)
 
 
 def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered, Each]:

@@ -12,7 +12,6 @@ import typer
 
 from fdd.cli import options
 from fdd.cli.options import argument, option, require_outputs, write_json
-from fdd.files import write_text
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -154,6 +153,7 @@ def experiment(
     What a log does not tell is said, and why.
     """
     from fdd.cli.console import progress
+    from fdd.cli.tables import tell_sheet
     from fdd.identification.experiments.bulk_modulus import bulk_modulus
     from fdd.identification.experiments.friction import friction
     from fdd.identification.experiments.gain import gain
@@ -175,44 +175,6 @@ def experiment(
         records = [even_record(log, profile, str(path)) for log, path in zip(read, logs, strict=True)]
         found = kinds[kind](records, profile)
     names = [path.name for path in logs]
-    if html is not None:
-        from fdd.report.page import page
-        from fdd.report.tables import version_rows
-
-        told = [(t.quantity, *t.shown()) for t in found.told]
-        html_text = page(
-            "experiment.html", found.figures, title=found.title, logs=names, unit=profile.name, told=told,
-            not_told=found.not_told, notes=found.notes, heads=found.heads, rows=found.rows,
-            plots=found.figures, versions=version_rows(),
-        )  # fmt: skip
-        write_text(html, html_text)
-    if json_ is not None:
-        data = {**found.as_data(), "logs": names, "unit": profile.name}
-        write_json(json_, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
-        if json_ == "-":
-            return
-    _print_outcome(found)
-    if html is not None:
-        print(f"Page written to {html}")
-
-
-def _print_outcome(found: Outcome) -> None:
-    """Figures, then what the log does not tell, then the table and the notes."""
-    from rich.text import Text
-
-    from fdd.cli.console import NARROW, grid, output, print_whole
-
-    console = output()
-    console.print(Text(found.title, style="bold"))
-    if found.told:
-        rows = [(told.quantity, *told.shown()) for told in found.told]
-        heads = ("quantity", "value", "95 %", "unit", "")
-        console.print(grid(heads, rows, numbers=("value", "95 %"), **NARROW))
-    for sentence in found.not_told:
-        console.print(Text(f"• Not told: {sentence}", style="yellow"), soft_wrap=True)
-    if found.rows:
-        print_whole(
-            console, grid(found.heads, found.rows, whole=found.heads[:1], collapse_padding=True, **NARROW)
-        )
-    for note in found.notes:
-        console.print(Text(f"• {note}"), soft_wrap=True)
+    data = {**found.as_data(), "logs": names, "unit": profile.name}
+    told = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
+    tell_sheet(told, found.sheet(names, profile.name), json_, html)
