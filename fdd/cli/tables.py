@@ -44,7 +44,8 @@ def diagnosis_view(diagnosis: Diagnosis, unit: Unit | None = None) -> Renderable
         Panel(head, title=Text(diagnosis.log), title_align="left", border_style=colour, box=box.ROUNDED)
     ]
     parts += [_finding(finding, named=len(words.findings) > 1) for finding in words.findings]
-    parts += [_estimates(diagnosis), _families(diagnosis)]
+    shown = [f"{title.lower()} {percent}" for title, percent, _ in tables.probability_rows(diagnosis)]
+    parts += [_estimates(diagnosis), Text(f"Probabilities: {', '.join(shown) or 'none'}")]
     if diagnosis.second_opinion is not None:
         parts.append(Text(second_opinion_words(diagnosis)))
     parts.append(_quality(diagnosis))
@@ -77,11 +78,6 @@ def _estimates(diagnosis: Diagnosis) -> Table:
         style = "" if row["observable"] == "yes" else "dim"
         table.add_row(*(row[key] for key in ("quantity", "baseline", "value", "change", "unit")), style=style)
     return table
-
-
-def _families(diagnosis: Diagnosis) -> Text:
-    shown = [f"{title.lower()} {percent}" for title, percent, _ in tables.probability_rows(diagnosis)]
-    return Text(f"Probabilities: {', '.join(shown) or 'none'}")
 
 
 def _quality(diagnosis: Diagnosis) -> Text:
