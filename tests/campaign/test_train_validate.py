@@ -124,6 +124,11 @@ def finding(fault: str, onset: float = 10.5, confidence: float = 0.9, *others: s
     )  # fmt: skip
 
 
+def cells(lines: list[str]) -> list[list[str]]:
+    """Of the rows of a table in Markdown, without its head."""
+    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("|")][2:]
+
+
 def family_of(kind: str) -> str:
     return CATALOGUE[kind].family
 

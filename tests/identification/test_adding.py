@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from spread_units import spread_unit, work
+from made_units import spread_unit, work
 
 from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError

@@ -6,8 +6,7 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
-from healthy_units import TEMPERATURE, Case, calibration_logs, random_unit
-from spread_units import only
+from made_units import TEMPERATURE, Case, calibration_logs, only, random_unit
 
 from fdd.errors import InputError
 from fdd.identification import identify_unit

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_units import only, scaled, spread_unit, with_swapped_chambers, work
 from scipy.ndimage import uniform_filter1d
-from spread_units import only, scaled, spread_unit, with_swapped_chambers, work
 
 from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError

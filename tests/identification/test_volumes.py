@@ -7,8 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import yaml
-from healthy_units import calibration_logs, random_unit
-from spread_units import only
+from made_units import calibration_logs, only, random_unit
 
 from fdd.errors import InputError
 from fdd.identification import identify_unit
