@@ -18,7 +18,7 @@ from fdd.campaign.motion import changing, drawn_mission, fitting_duty
 from fdd.campaign.population import BETWEEN_UNITS, Spread
 from fdd.campaign.ranges import Rng, apportioned, chosen, drawn, log_uniform, uniform
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.sizes import Scale
+from fdd.campaign.sizes import NEUTRAL, Scale
 from fdd.campaign.structures import EQUAL, Condition, Departure, Structure
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
@@ -57,7 +57,7 @@ class Rig:
     sheet : that profile: all that anybody who identifies the unit may know.
     recording : how its logs are taken.
     structure : None without structures in the recipe.
-    scale : of a machine drawn as a whole; None for those whose base the recipe's ranges are made for.
+    scale : of a machine drawn as a whole, against those that the recipe's ranges are made for.
     """
 
     unit: Unit
@@ -66,7 +66,7 @@ class Rig:
     sheet: Unit
     recording: Recording
     structure: Structure | None = None
-    scale: Scale | None = None
+    scale: Scale = NEUTRAL
 
 
 def stream(recipe: Recipe, purpose: str, *indices: int) -> Rng:
@@ -84,13 +84,13 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     InputError : a base that is no profile.
     """
     base = recipe.bases[index % len(recipe.bases)]
-    structure, scale, recording = structure_of(recipe, index), None, recipe.recording
+    structure, scale, recording = structure_of(recipe, index), NEUTRAL, recipe.recording
     if structure is None:
         unit = Unit.load(base)
     else:
         unit = structure.data_sheet(base, stream(recipe, "structure", index), recipe.oil_temperatures)
         base = structure.base or (base if structure.size is None else structure.name)
-        scale = None if structure.size is None else Scale(unit)
+        scale = scale if structure.size is None else Scale(unit)
         recording = structure.recording(recording)
     sheet = unit
     stated = recipe.population == "stated"
@@ -115,7 +115,7 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
         branch = varied(getattr(unit.friction, name), population.FRICTION, level)
         branches[name] = branch.model_copy(update={"static": max(branch.static, branch.coulomb)})
     parts: dict[str, Any] = {
-        "cylinder": cylinder if scale is None else _with_room(cylinder),
+        "cylinder": cylinder if scale.unit is None else _with_room(cylinder),
         "friction": unit.friction.model_copy(update=branches),
         "sensors": _sensors(recipe, unit, rng, scale),
     }
@@ -132,8 +132,7 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     made = unit.model_copy(
         update={**parts, "name": f"unit_{index:03d}", "description": description, "baseline": None}
     )
-    if scale is not None:
-        details = scale.details(details)
+    details = scale.details(details)
     if structure is not None:
         details = structure.drawn_details(details, stream(recipe, "details", index))
     made = Unit.from_yaml(made.to_yaml())
@@ -201,12 +200,11 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
     duration = round(float(rng.uniform(*recipe.duration)), 3)
     load_name = chosen(rng, recipe.loads)
     duty_name = chosen(rng, recipe.duties)
-    gain = log_uniform(rng, recipe.position_gain)
+    gain = log_uniform(rng, recipe.position_gain) * rig.scale.position_gain
     # A throttled partner is a rig for measuring: it is mostly driven by speed.
     share = max(recipe.speed_control_share, 0.7) if load_name == "throttle" else recipe.speed_control_share
     cylinder = rig.unit.cylinder
     by_speed = bool(rng.random() < share)
-    gain = gain if rig.scale is None else gain * rig.scale.position_gain
     duty: Duty
     if duty_name == "mission":
         duty, control = drawn_mission(recipe, rig.unit, rng, duration, gain, rig.scale)
@@ -233,9 +231,7 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
         charge = population.charge_factor(rig.unit, charge * population.CHARGE.factor(rng), temperature)
     seed = int(rng.integers(0, 2**62))
     # Last: what is drawn above does not depend on how many scales there are.
-    scales = drawn(rng, recipe.fault_scales)
-    if rig.scale is not None:
-        scales = rig.scale.fault_scales(scales)
+    scales = rig.scale.fault_scales(drawn(rng, recipe.fault_scales))
     specs = [_by_law(spec, recipe, rng) for spec in specs]  # so that logs differ by their laws alone
     return Scenario(
         unit=rig.unit.name, duration=duration, duty=duty, control=control, load=load, faults=specs,
@@ -256,7 +252,7 @@ def as_it_runs(
     if recipe.population == "uniform":
         return unit, scenario
     rng = stream(recipe, f"{purpose[0]} as it runs", *purpose[1:])
-    zeros = population.warm_zeros(unit, _zero_errors(recipe, rig.scale), rng)
+    zeros = population.warm_zeros(unit, rig.scale.zero_errors(recipe.sensors.zero_error), rng)
     wander = round(uniform(rng, population.WANDER), 4)
     return zeros, scenario.model_copy(update={"friction_wander": wander})
 
@@ -320,7 +316,7 @@ def _load(
     departs = duty.amplitude if control.mode == "position" else 0.4 * unit.cylinder.stroke
     reach = abs(duty.offset) + departs
     ranges = {**kind.usual, **recipe.ranges.get(name, {})}
-    values = drawn(rng, ranges if rig.scale is None else rig.scale.load_ranges(name, ranges))
+    values = drawn(rng, rig.scale.load_ranges(name, ranges))
     most = GREATEST_FORCE * unit.accumulator.relief_pressure * min(unit.cylinder.area_1, unit.cylinder.area_2)
     if name == "changing":
         return changing(values, rng, duration, duty, most)
@@ -344,14 +340,8 @@ def _load(
     return kind(**values)
 
 
-def _zero_errors(recipe: Recipe, scale: Scale | None) -> dict[str, float]:
-    """Most that the zeros of a machine's sensors are off, by channel."""
-    errors = recipe.sensors.zero_error
-    return errors if scale is None else scale.zero_errors(errors)
-
-
-def _sensors(recipe: Recipe, unit: Unit, rng: Rng, scale: Scale | None) -> dict[str, Any]:
-    errors, zeros = recipe.sensors, _zero_errors(recipe, scale)
+def _sensors(recipe: Recipe, unit: Unit, rng: Rng, scale: Scale) -> dict[str, Any]:
+    errors, zeros = recipe.sensors, scale.zero_errors(recipe.sensors.zero_error)
     varied = {}
     for channel, sensor in unit.sensors.items():
         factor = log_uniform(rng, errors.noise_factor)

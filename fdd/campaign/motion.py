@@ -9,7 +9,7 @@ import numpy as np
 
 from fdd.campaign.ranges import Rng, chosen, spread, uniform
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.sizes import Scale
+from fdd.campaign.sizes import NEUTRAL, Scale
 from fdd.plant.duty import DUTIES, ConstantSpeed, Duty, Mission, OneWay
 from fdd.plant.load import ChangingLoad
 from fdd.plant.programme import Programme
@@ -42,7 +42,7 @@ def fitting_duty(
     *,
     speed: bool,
     gain: float,
-    scale: Scale | None = None,
+    scale: Scale = NEUTRAL,
 ) -> tuple[Duty, Control]:
     """Draw a duty of that kind which the unit can do, and its control.
 
@@ -56,8 +56,7 @@ def fitting_duty(
     """
     kind = DUTIES[name]
     drawn: dict[str, Any] = {}
-    usual = {**kind.usual, **ranges}
-    for key, (low, high) in (usual if scale is None else scale.duty_ranges(usual)).items():
+    for key, (low, high) in scale.duty_ranges({**kind.usual, **ranges}).items():
         # Rigs use their stroke and speed: only times and frequencies spread over decades.
         drawn[key] = (uniform if key in ("amplitude", "speed") else spread)(rng, (low, high))
     drawn["lead_in"] = float(rng.uniform(0.3, 2.0))
@@ -102,7 +101,7 @@ def _reachable(name: str, drawn: Mapping[str, Any], fastest: float, gain: float,
 
 
 def drawn_mission(
-    recipe: Recipe, unit: Unit, rng: Rng, duration: float, gain: float, scale: Scale | None
+    recipe: Recipe, unit: Unit, rng: Rng, duration: float, gain: float, scale: Scale
 ) -> tuple[Mission, Control]:
     """A mission of the recipe's other duties, by position."""
     weights = {n: w for n, w in recipe.duties.items() if n not in ("mission", "constant_speed", "one_way")}

@@ -160,15 +160,18 @@ def with_accumulator(unit: Unit, oil_temperatures: Range, margin: float = MARGIN
 
 @dataclass
 class Scale:
-    """How much larger a machine is than axis A, as factors."""
+    """How much larger a machine that was drawn as a whole is than axis A, as factors.
 
-    unit: Unit
+    Without a `unit` all are 1: of the machines that recipes' ranges are made for.
+    """
+
+    unit: Unit | None = None
 
     def __post_init__(self) -> None:
-        axis = Unit.load(AXIS)
+        unit = self.unit
 
         def over(size: Callable[[Unit], float]) -> float:
-            return size(self.unit) / size(axis)
+            return 1.0 if unit is None else size(unit) / size(Unit.load(AXIS))
 
         self.pressure = over(lambda u: u.accumulator.relief_pressure)
         self.turning = over(lambda u: u.drive.max_speed)
@@ -238,6 +241,8 @@ class Scale:
         that to the charge, a brake on the shaft that to the torque at the drive's largest speed.
         """
         unit, axis = self.unit, _FAULTS
+        if unit is None:
+            return dict(drawn)
         rated = unit.accumulator.relief_pressure / RELIEF
         flow, half = unit.pump.displacement * unit.drive.max_speed, 0.5 * rated
         turbulent = drawn.get("internal_leakage_orifice_share", axis["internal_leakage_orifice_share"])
@@ -277,6 +282,9 @@ def _stiffness(unit: Unit) -> float:
     cylinder = unit.cylinder
     springs = cylinder.area_1**2 / cylinder.volume_1 + cylinder.area_2**2 / cylinder.volume_2
     return unit.oil.bulk_modulus * springs
+
+
+NEUTRAL = Scale()
 
 
 def _sensors(axis: Unit, full: float, current: float) -> dict[str, Sensor]:

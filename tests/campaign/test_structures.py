@@ -92,7 +92,7 @@ def test_an_accumulator_outlasts_the_temperatures_of_its_recipe() -> None:
     sized = 0
     for index in range(recipe.units):
         rig = draw_unit(recipe, stream(recipe, "unit", index), index)
-        if rig.scale is None:
+        if rig.scale.unit is None:
             continue
         sized += 1
         cylinder, store, oil = rig.unit.cylinder, rig.unit.accumulator, rig.unit.oil
