@@ -65,8 +65,8 @@ class Rig:
     base: str
     sheet: Unit
     recording: Recording
-    structure: Structure | None = None
-    scale: Scale = NEUTRAL
+    structure: Structure | None
+    scale: Scale
 
 
 def stream(recipe: Recipe, purpose: str, *indices: int) -> Rng:

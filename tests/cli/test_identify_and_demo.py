@@ -1,9 +1,8 @@
-"""Identification, experiments, the demo, and the campaign's commands, end to end."""
+"""Identification, experiments and the demo, end to end."""
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import math
 import re
@@ -14,17 +13,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from rich.console import Console
 
-from fdd.campaign.scores import wilson
-from fdd.campaign.train import ScoredLog
-from fdd.cli.campaign import confusion_table
 from fdd.diagnosis.baseline import BASELINE_VERSION
 from fdd.logs import read_log
 from fdd.residuals.balances import BALANCES
 from fdd.unit import Unit
 
-ROOT = Path(__file__).parents[2]
 STROKES = "constant_speed:amplitude=0.08,speeds=60/105,turn=5,dwell=0.3"
 
 
@@ -167,30 +161,3 @@ def test_the_demo_finds_the_leak_and_names_the_command_as_it_was_called(
     assert words[:2] == [".venv/bin/fdd", "diagnose"] and all(Path(words[k]).is_file() for k in (2, 4))
     one_line(run("demo", "-o", tmp_path / "no" / "r.html"), "cannot be written")
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
-
-
-def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
-    command = ("generate", ROOT / "datasets" / "smoke.yaml", "-o", tmp_path / "set", "--engine")
-    one_line(run(*command, "cloud"), "cloud")
-    monkeypatch.setitem(sys.modules, "ray", None)
-    one_line(run(*command, "ray"), "install fdd[ray]")
-
-
-def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> None:
-    (tmp_path / "set").mkdir()
-    one_line(run("train", tmp_path / "set", "-o", tmp_path / "model"), str(tmp_path / "set"))
-    one_line(run("train", tmp_path / "none", "-o", tmp_path / "model"), "none")
-    assert not (tmp_path / "model").exists()
-
-
-def test_confusion_table_fits_80_columns() -> None:
-    families = ("", "aeration", "check_valve", "friction", "leakage", "motor", "seal_wear", "sensor")
-    answers = [("check_valve", name) for name in families]
-    answers += [("healthy", ""), ("healthy", ""), ("healthy", "leakage")]
-    logs = [ScoredLog("u1", "", family, answer, 1.0, 1.0, 10.0) for family, answer in answers]
-    screen = io.StringIO()
-    Console(width=80, file=screen).print(confusion_table(logs))
-    shown = " ".join(screen.getvalue().split())
-    assert f"healthy healthy 2, leakage 1 {wilson(2, 3)}" in shown
-    assert wilson(1, 8) in shown and "…" not in shown
-    assert shown.count(" 1,") + shown.count(" 1 ") >= len(families)
