@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import pi
 from typing import Any
 
@@ -120,9 +120,9 @@ class Outcome:
         """What people see of it, on a page and at a terminal: of these logs, beside this profile."""
         told: list[tuple[str, ...]] = [(t.quantity, *t.shown()) for t in self.told]
         heads = ("quantity", "value", "95 %", "unit", "remark")
-        tables = [Table("Figures", heads, told, numbers=False)] if told else []
-        tables += [Table("In detail", self.heads, self.rows, numbers=False)] if self.rows else []
-        tables[:1] = [replace(table, note=" ".join(self.notes)) for table in tables[:1]]
+        listed = [t for t in (("Figures", heads, told), ("In detail", self.heads, self.rows)) if t[2]]
+        how = [" ".join(self.notes), ""]  # beside the first table, whichever that is
+        tables = [Table(*t, note=note, numbers=False) for t, note in zip(listed, how, strict=False)]
         return Sheet(
             kicker=f"{', '.join(logs)}, profile {unit}", headline=self.title,
             kind="healthy" if told else "inconclusive",
