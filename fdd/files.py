@@ -1,7 +1,8 @@
-"""Files that are written: refused before the work, and whole or not at all."""
+"""Files that are written: refused before the work, and whole or not at all. Their hashes."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import secrets
 from collections.abc import Iterator
@@ -90,6 +91,22 @@ def whole_file(path: str | Path) -> Iterator[Path]:
             with suppress(OSError):
                 temporary.unlink()
             raise
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal.
+
+    Raises
+    ------
+    InputError : it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except FileNotFoundError:
+        raise InputError("no such file", where=path, mend="check the path") from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", where=path) from None
 
 
 def write_text(path: str | Path, text: str) -> None:

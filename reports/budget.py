@@ -63,16 +63,15 @@ class Departure:
 
 def budget(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Said | Departure]:
     """Answers on all logs, and departures of all healthy logs and twins from their units' baselines."""
-    return over_units(_unit, directory, model, **how)
+    return over_units(_unit, [directory], Model.load(model), **how)
 
 
-def _unit(directory: str, model: str | None, name: str) -> list[Said | Departure]:
-    data, loaded = Dataset.load(directory), Model.load(model)
-    logs = healthy_logs([directory], f"0/{name}", loaded.spreads)
-    each = hypotheses(logs.unit, effects_of(logs.unit, loaded.spreads))
+def _unit(data: Dataset, name: str, model: Model) -> list[Said | Departure]:
+    logs = healthy_logs(data, name, model.spreads)
+    each = hypotheses(logs.unit, effects_of(logs.unit, model.spreads))
     out: list[Said | Departure] = []
     for entry in data.logs_of(name):
-        pipeline = Pipeline(logs.unit, loaded, keep_trajectories=False)
+        pipeline = Pipeline(logs.unit, model, keep_trajectories=False)
         pipeline.push(data.samples(entry))
         found = pipeline.finish()
         faults = tuple((f.fault, tuple(f.ambiguity)) for f in found.faults)

@@ -179,14 +179,12 @@ class Comparison:
 
 def disturbed(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Comparison]:
     """Diagnose each unit's first faulty and first healthy log under every disturbance."""
-    return over_units(_compared, directory, model, **how)
+    return over_units(_compared, [directory], Model.load(model), **how)
 
 
-def _compared(directory: str, model: str | None, unit: str) -> list[Comparison]:
-    data = Dataset.load(directory)
+def _compared(data: Dataset, unit: str, model: Model) -> list[Comparison]:
     profile = identified_unit(data, unit)
     turned = mirrored_unit(profile, data.baseline(unit))
-    loaded = Model.load(model)
     logs = data.logs_of(unit)
     out = []
     for wanted in (False, True):
@@ -194,14 +192,14 @@ def _compared(directory: str, model: str | None, unit: str) -> list[Comparison]:
         if entry is None:
             continue
         log = data.samples(entry)
-        plain = _answer(profile, loaded, log)
+        plain = _answer(profile, model, log)
         for name, change in DISTURBANCES.items():
             rng = np.random.default_rng(zlib.crc32(f"{entry.file} {name}".encode()))
             other = change(log, rng)
             if other is None:
                 continue
             block = BLOCK if other is log else len(other)
-            found = _answer(turned if change is mirrored else profile, loaded, other, block)
+            found = _answer(turned if change is mirrored else profile, model, other, block)
             out.append(Comparison(unit, name, wanted, *_same(plain, found)))
     return out
 

@@ -57,11 +57,10 @@ def identification(directory: str | Path, model: str | None = None, **how: Unpac
     if not all(data.manifest.baselines.values()):
         mend = "set baseline: true in the recipe"
         raise InputError("data set without baseline runs", where=data.directory, mend=mend)
-    return over_units(_told, directory, model, **how)
+    return over_units(_told, [directory], **how)
 
 
-def _told(directory: str, model: str | None, name: str) -> list[Told]:
-    data = Dataset.load(directory)
+def _told(data: Dataset, name: str) -> list[Told]:
     sheet, true = data.base_unit(name), data.true_unit(name)
     structure = next(e.structure for e in data.logs if e.unit == name)
     single = true.cylinder.area_2 < SINGLE_ROD * true.cylinder.area_1

@@ -23,13 +23,11 @@ def left_out(directory: str | Path, model: str | None = None, **how: Unpack[How]
 
     A neighbour is one that the whole catalogue's answer names as well, as the same log's ambiguity group.
     """
-    return over_units(_said, directory, model, **how)
+    return over_units(_said, [directory], Model.load(model), **how)
 
 
-def _said(directory: str, model: str | None, unit: str) -> list[tuple[str, str]]:
-    data = Dataset.load(directory)
-    profile, loaded = identified_unit(data, unit), Model.load(model)
-    out = []
+def _said(data: Dataset, unit: str, model: Model) -> list[tuple[str, str]]:
+    profile, out = identified_unit(data, unit), []
     for entry in data.logs_of(unit):
         if len(entry.faults) != 1 or not CATALOGUE[entry.faults[0].fault].signatures:
             continue
@@ -37,7 +35,7 @@ def _said(directory: str, model: str | None, unit: str) -> list[tuple[str, str]]
         log = data.samples(entry)
         named = []
         for without in ((), (true,)):
-            pipeline = Pipeline(profile, loaded, keep_trajectories=False, without=without)
+            pipeline = Pipeline(profile, model, keep_trajectories=False, without=without)
             pipeline.push(log)
             named.append(pipeline.finish().faults[:1])
         whole, rest = named

@@ -34,11 +34,10 @@ SWAPPED, SOUND = "chambers swapped", "as it is"
 
 def scales(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[tuple[str, str]]:
     """Slip and what is said of it (passed, warned, refused), for each healthy log and slip it can have."""
-    return over_units(_said, directory, model, **how)
+    return over_units(_said, [directory], **how)
 
 
-def _said(directory: str, model: str | None, unit: str) -> list[tuple[str, str]]:
-    data = Dataset.load(directory)
+def _said(data: Dataset, unit: str) -> list[tuple[str, str]]:
     profile, out = identified_unit(data, unit), []
     for entry in data.logs_of(unit):
         log = data.samples(entry) if entry.healthy else data.twin(entry)

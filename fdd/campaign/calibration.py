@@ -32,12 +32,10 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
     reach = 0.65 * 0.5 * unit.cylinder.stroke
     per_rad = unit.pump.displacement / unit.cylinder.area_1
     speeds = tuple(min(s, 0.8 * unit.drive.max_speed) for s in SPEEDS)
-    scale = 1.0 if rig.scale is None else rig.scale.pressure
     # Two strokes each way at every speed, the slowest not more than once around.
     turn = max(8.0, 2.2 * reach / (speeds[0] * per_rad))
-    drop = _throttle_for(
-        unit, min(scale * float(rng.uniform(*THROTTLED_PRESSURE)), 0.85 * unit.accumulator.relief_pressure)
-    )
+    pressure = rig.scale.pressure * float(rng.uniform(*THROTTLED_PRESSURE))
+    drop = _throttle_for(unit, min(pressure, 0.85 * unit.accumulator.relief_pressure))
     temperature = float(rng.uniform(30.0, 42.0))
     charge = float(rng.uniform(0.9, 1.1))
     free = ConstantSpeed(amplitude=reach, speeds=speeds, turn=turn, dwell=0.4, lead_in=1.0)

@@ -7,21 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fdd.campaign.dataset import (
-    CARD,
-    LABELS,
-    MANIFEST,
-    RECIPE,
-    SPLITS,
-    SUMS,
-    Dataset,
-    Entry,
-    sha256_of,
-    split_of,
-)
+from fdd.campaign import dataset
+from fdd.campaign.dataset import LABELS, MANIFEST, RECIPE, SUMS, Dataset, Entry
 from fdd.campaign.visibility import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.faults import CATALOGUE
-from fdd.files import write_text
+from fdd.files import sha256_of, write_text
 from fdd.markdown import table
 from fdd.yaml_reading import yaml_of
 
@@ -54,8 +44,8 @@ def write_card(directory: Path) -> None:
     ------
     InputError : not a data set.
     """
-    if not (directory / CARD).is_file():
-        write_text(directory / CARD, card(Dataset.load(directory)))
+    if not (directory / dataset.CARD).is_file():
+        write_text(directory / dataset.CARD, card(Dataset.load(directory)))
 
 
 def card(data: Dataset) -> str:
@@ -73,8 +63,8 @@ def card(data: Dataset) -> str:
     channels = f", {', '.join(data.samples(data.logs[0]).channels)}" if alike else ""
     calibration = "with" if any(made.baselines.values()) else "without"
     structures = f"; {len(recipe.structures)} structures" if recipe.structures else ""
-    split = split_of(data.units, made.seed)
-    told = {name: ", ".join(u for u in data.units if split[u] == name) or "none" for name in SPLITS}
+    split = dataset.split_of(data.units, made.seed)
+    told = {name: ", ".join(u for u in data.units if split[u] == name) or "none" for name in dataset.SPLITS}
     twins = _TWINS.format(format=recipe.format) if recipe.twins else ""
     visible = _visible(data) if recipe.twins else ""
     spread = f"within {recipe.variation:.0%}" if recipe.population == "uniform" else _STATED

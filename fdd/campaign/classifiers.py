@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from sklearn.metrics import accuracy_score, f1_score
 from sklearn.utils.validation import has_fit_parameter
 
 from fdd import __version__
+from fdd.campaign.dataset import SPLITS
 from fdd.campaign.loading import LabelledData, Target
 from fdd.errors import InputError
 from fdd.learning.stored import StoredClassifier
@@ -83,15 +85,10 @@ def train_classifier(
         if each.names != names:
             problem = f"features unlike those of {sets[0].data.directory}"
             raise InputError(problem, where=each.data.directory, mend="make them all with one version")
-    columns: list[list[Any]] = [[], [], [], [], []]
-    for k, one in enumerate(sets):
-        for split in ("train", "validation", "test"):
-            features, labels, units = one.arrays(split, target)
-            held = np.full(len(labels), split == "test")
-            told = (features, labels, np.char.add(f"{k}/", units), one.own_answers(split, target), held)
-            for column, values in zip(columns, told, strict=True):
-                column.append(values)
-    x, y, groups, own, test = map(np.concatenate, columns)
+    splits = [(k, one.rows(split)) for k, one in enumerate(sets) for split in SPLITS]
+    rows = pd.concat([part.assign(unit=f"{k}/" + part["unit"]) for k, part in splits])
+    x, test = rows[list(names)].to_numpy(dtype=np.float64), (rows["split"] == "test").to_numpy()
+    y, groups, own = (rows[c].to_numpy(dtype=np.str_) for c in (target, "unit", f"answer_{target}"))
     judges = np.unique(groups[test]).size
     if not judges or np.unique(y[~test]).size < 2:
         problem = f"{judges} units to judge by, {np.unique(y[~test]).size} classes to learn"

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, TypeAdapter, ValidationError
 
 from fdd.bounds import MAX_JSON_BYTES
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.visibility import ChannelVisibility
 from fdd.errors import InputError
+from fdd.files import sha256_of
 from fdd.logs import read_log
 from fdd.plant.truth import TRUTH, Truth
 from fdd.plant.validated import Validated
 from fdd.samples import Samples
 from fdd.unit import Unit
+from fdd.validation import input_error
+from fdd.yaml_reading import yaml_text
 
 DATASET_SCHEMA = "fdd.dataset/1"
 RECIPE = "recipe.yaml"
@@ -39,7 +41,7 @@ SHARE = 0.2
 """Of the units, for validation, and again for test."""
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
-M = TypeVar("M", bound=Validated)
+M = TypeVar("M")
 HEALTHY = "healthy"
 AGAIN = "copy the data set again or generate it anew"
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+$", max_length=200)]
@@ -132,7 +134,7 @@ class Entry(Validated):
 class Manifest(Validated):
     """What a data set says of itself; it is written last."""
 
-    schema_: Annotated[str, Field(alias="schema")]
+    schema_: Annotated[Literal["fdd.dataset/1"], Field(alias="schema")]
     name: str
     version: str
     seed: int
@@ -177,20 +179,12 @@ class Dataset:
                 again = f"finish it with: fdd generate {directory / RECIPE} -o {directory}"
                 raise InputError(f"unfinished data set (no {MANIFEST})", where=directory, mend=again)
             raise InputError(f"not a data set (no {MANIFEST})", where=directory, mend=mend)
-        plain = _json(directory / MANIFEST)
-        schema = plain.get("schema") if isinstance(plain, dict) else None
-        if schema != DATASET_SCHEMA:
-            problem = f"data set of version {schema!r} where {DATASET_SCHEMA!r} is wanted"
-            raise InputError(problem, where=directory / MANIFEST, mend=mend)
-        manifest = _read(Manifest, plain, directory / MANIFEST)
+        manifest = _read(Manifest, directory / MANIFEST)
         recipe_text, labels_text = _text(directory / RECIPE), _text(directory / LABELS)
         if digest(recipe_text, labels_text) != manifest.sha256:
             problem = f"{LABELS} or {RECIPE} is not what the manifest's SHA-256 was taken of"
             raise InputError(problem, where=directory, mend=AGAIN)
-        entries = _json(directory / LABELS)
-        if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
-            raise InputError("not a list of labels", where=directory / LABELS, mend=mend)
-        logs = tuple(_read(Entry, e, directory / LABELS) for e in entries)
+        logs = _read(tuple[Entry, ...], directory / LABELS)
         return cls(directory, Recipe.from_yaml(recipe_text, where=directory / RECIPE), manifest, logs)
 
     @property
@@ -287,36 +281,20 @@ class Dataset:
 
 
 def _text(path: Path) -> str:
-    if not path.is_file():
-        raise InputError("is missing", where=path, mend=AGAIN)
-    if path.stat().st_size > MAX_JSON_BYTES:
-        raise InputError(f"larger than {MAX_JSON_BYTES} bytes", where=path)
-    return path.read_text(encoding="utf-8", errors="replace")
+    return yaml_text(path, "part of a data set", MAX_JSON_BYTES, AGAIN)
 
 
-def _json(path: Path) -> Any:
+def _read(kind: type[M], path: Path) -> M:
+    """What a JSON file of a data set holds."""
     try:
-        return json.loads(_text(path))
-    except (json.JSONDecodeError, RecursionError):
-        raise InputError("not JSON", where=path, mend=AGAIN) from None
-
-
-def _read(kind: type[M], plain: dict[str, Any], where: Path) -> M:
-    try:
-        return kind(**plain)
-    except InputError as error:
-        raise error.at(where) from None
+        return TypeAdapter(kind).validate_json(_text(path))
+    except ValidationError as error:
+        raise input_error(error, path, AGAIN) from None
 
 
 def digest(recipe_text: str, labels_text: str) -> str:
     """SHA-256 over a data set's labels and recipe, as its files have them."""
     return hashlib.sha256(labels_text.encode() + b"\0" + recipe_text.encode()).hexdigest()
-
-
-def sha256_of(path: Path) -> str:
-    """Of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def split_of(units: Sequence[str], seed: int = 0) -> dict[str, Split]:

@@ -7,7 +7,7 @@ stream of its own, so that neither the number of workers nor the order of work c
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -15,9 +15,10 @@ import numpy as np
 
 from fdd.campaign import population
 from fdd.campaign.motion import changing, drawn_mission, fitting_duty
+from fdd.campaign.population import BETWEEN_UNITS, Spread
 from fdd.campaign.ranges import Rng, apportioned, chosen, drawn, log_uniform, uniform
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.sizes import Scale
+from fdd.campaign.sizes import NEUTRAL, Scale
 from fdd.campaign.structures import EQUAL, Condition, Departure, Structure
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
@@ -30,14 +31,6 @@ from fdd.plant.sensors.recording import Recording
 from fdd.unit import Cylinder, Section, Unit
 
 S = TypeVar("S", bound=Section)
-
-VARIED = {
-    section: tuple(name for name in spreads if name != "oil_volume")
-    for section, spreads in population.BETWEEN_UNITS.items()
-}
-"""Numbers of a profile that describe the rig; what is left out is a definition (reference pressure and
-temperature), a rating (maximum speed, ranges) or hardly varies (polytropic index, density)."""
-VARIED_FRICTION = tuple(population.FRICTION)
 
 COUNTED = ("pump_angle", "pump_speed", "position", "command")
 """Channels of incremental encoders and set-points: their gain is exact."""
@@ -64,7 +57,7 @@ class Rig:
     sheet : that profile: all that anybody who identifies the unit may know.
     recording : how its logs are taken.
     structure : None without structures in the recipe.
-    scale : of a machine drawn as a whole; None for those whose base the recipe's ranges are made for.
+    scale : of a machine drawn as a whole, against those that the recipe's ranges are made for.
     """
 
     unit: Unit
@@ -72,8 +65,8 @@ class Rig:
     base: str
     sheet: Unit
     recording: Recording
-    structure: Structure | None = None
-    scale: Scale | None = None
+    structure: Structure | None
+    scale: Scale
 
 
 def stream(recipe: Recipe, purpose: str, *indices: int) -> Rng:
@@ -91,70 +84,59 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     InputError : a base that is no profile.
     """
     base = recipe.bases[index % len(recipe.bases)]
-    structure, scale, recording = structure_of(recipe, index), None, recipe.recording
+    structure, scale, recording = structure_of(recipe, index), NEUTRAL, recipe.recording
     if structure is None:
         unit = Unit.load(base)
     else:
         unit = structure.data_sheet(base, stream(recipe, "structure", index), recipe.oil_temperatures)
         base = structure.base or (base if structure.size is None else structure.name)
-        scale = None if structure.size is None else Scale.of(unit)
+        scale = scale if structure.size is None else Scale(unit)
         recording = structure.recording(recording)
     sheet = unit
     stated = recipe.population == "stated"
 
-    def around(share: float, size: int) -> list[float]:
-        return (1.0 + share * rng.uniform(-1.0, 1.0, size)).tolist()
+    def varied(section: S, spreads: Mapping[str, Spread], level: float = 1.0) -> S:
+        """The section with these numbers drawn anew; dry friction goes by a level that all of it shares."""
+        changed = {}
+        for name, spread in spreads.items():
+            factor = (spread if stated else spread.alike(recipe.variation)).factor(rng)
+            shared = level if name in ("coulomb", "static") else 1.0
+            changed[name] = float(getattr(section, name) * (factor * shared))
+        provenance = {n: p for n, p in section.provenance.items() if n not in changed}
+        return section.model_copy(update={**changed, "provenance": provenance})
 
-    def varied(name: str, section: S, names: tuple[str, ...]) -> S:
-        spreads = population.BETWEEN_UNITS[name]
-        if stated:
-            return _times(section, names, [spreads[each].factor(rng) for each in names])
-        return _times(section, names, around(recipe.variation, len(names)))
-
-    cylinder = varied("cylinder", unit.cylinder, VARIED["cylinder"])
+    cylinder = varied(unit.cylinder, BETWEEN_UNITS["cylinder"])
     ratio = unit.cylinder.area_2 / unit.cylinder.area_1
-    mismatch = population.AREA_RATIO.factor(rng) if stated else around(recipe.area_mismatch, 1)[0]
-    cylinder = cylinder.model_copy(update={"area_2": float(cylinder.area_1 * ratio * mismatch)})
+    areas = population.AREA_RATIO if stated else population.AREA_RATIO.alike(recipe.area_mismatch)
+    cylinder = cylinder.model_copy(update={"area_2": float(cylinder.area_1 * ratio * areas.factor(rng))})
     branches = {}
     level = population.FRICTION_LEVEL.factor(rng) if stated else 1.0
-    common = {"coulomb": level, "static": level}
     for name in ("forward", "reverse"):
-        if stated:
-            factors = [s.factor(rng) * common.get(n, 1.0) for n, s in population.FRICTION.items()]
-        else:
-            factors = around(recipe.variation, len(VARIED_FRICTION))
-        branch = _times(getattr(unit.friction, name), VARIED_FRICTION, factors)
+        branch = varied(getattr(unit.friction, name), population.FRICTION, level)
         branches[name] = branch.model_copy(update={"static": max(branch.static, branch.coulomb)})
     parts: dict[str, Any] = {
-        "cylinder": cylinder if scale is None else _with_room(cylinder),
+        "cylinder": cylinder if scale.unit is None else _with_room(cylinder),
         "friction": unit.friction.model_copy(update=branches),
         "sensors": _sensors(recipe, unit, rng, scale),
     }
     for name in ("pump", "oil", "accumulator", "drive"):
-        parts[name] = varied(name, getattr(unit, name), VARIED[name])
+        parts[name] = varied(getattr(unit, name), BETWEEN_UNITS[name])
     if stated:
         parts["oil"] = population.with_its_air(parts["oil"], unit.oil)
     details = drawn(rng, Details.usual)
     details["pump_teeth"] = round(details["pump_teeth"])
     if unit.accumulator.oil_volume is not None:  # after all that every profile has
-        parts["accumulator"] = varied("accumulator", parts["accumulator"], ("oil_volume",))
+        parts["accumulator"] = varied(parts["accumulator"], population.OIL_VOLUME)
     by = "as stated in fdd.campaign.population" if stated else f"by ±{recipe.variation:.0%}"
     description = f"{base} varied {by}, drawn for {recipe.name}."
     made = unit.model_copy(
         update={**parts, "name": f"unit_{index:03d}", "description": description, "baseline": None}
     )
-    if scale is not None:
-        details = scale.details(details)
+    details = scale.details(details)
     if structure is not None:
         details = structure.drawn_details(details, stream(recipe, "details", index))
     made = Unit.from_yaml(made.to_yaml())
     return Rig(made, Details(**details), base, sheet, recording, structure, scale)
-
-
-def _times(section: S, names: tuple[str, ...], factors: list[float]) -> S:
-    changed = {n: float(getattr(section, n) * f) for n, f in zip(names, factors, strict=True)}
-    provenance = {n: p for n, p in section.provenance.items() if n not in changed}
-    return section.model_copy(update={**changed, "provenance": provenance})
 
 
 D = TypeVar("D", bound=Departure)
@@ -218,12 +200,11 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
     duration = round(float(rng.uniform(*recipe.duration)), 3)
     load_name = chosen(rng, recipe.loads)
     duty_name = chosen(rng, recipe.duties)
-    gain = log_uniform(rng, recipe.position_gain)
+    gain = log_uniform(rng, recipe.position_gain) * rig.scale.position_gain
     # A throttled partner is a rig for measuring: it is mostly driven by speed.
     share = max(recipe.speed_control_share, 0.7) if load_name == "throttle" else recipe.speed_control_share
     cylinder = rig.unit.cylinder
     by_speed = bool(rng.random() < share)
-    gain = gain if rig.scale is None else gain * rig.scale.position_gain
     duty: Duty
     if duty_name == "mission":
         duty, control = drawn_mission(recipe, rig.unit, rng, duration, gain, rig.scale)
@@ -250,9 +231,7 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
         charge = population.charge_factor(rig.unit, charge * population.CHARGE.factor(rng), temperature)
     seed = int(rng.integers(0, 2**62))
     # Last: what is drawn above does not depend on how many scales there are.
-    scales = drawn(rng, recipe.fault_scales)
-    if rig.scale is not None:
-        scales = rig.scale.fault_scales(scales)
+    scales = rig.scale.fault_scales(drawn(rng, recipe.fault_scales))
     specs = [_by_law(spec, recipe, rng) for spec in specs]  # so that logs differ by their laws alone
     return Scenario(
         unit=rig.unit.name, duration=duration, duty=duty, control=control, load=load, faults=specs,
@@ -273,7 +252,7 @@ def as_it_runs(
     if recipe.population == "uniform":
         return unit, scenario
     rng = stream(recipe, f"{purpose[0]} as it runs", *purpose[1:])
-    zeros = population.warm_zeros(unit, _zero_errors(recipe, rig.scale), rng)
+    zeros = population.warm_zeros(unit, rig.scale.zero_errors(recipe.sensors.zero_error), rng)
     wander = round(uniform(rng, population.WANDER), 4)
     return zeros, scenario.model_copy(update={"friction_wander": wander})
 
@@ -337,7 +316,7 @@ def _load(
     departs = duty.amplitude if control.mode == "position" else 0.4 * unit.cylinder.stroke
     reach = abs(duty.offset) + departs
     ranges = {**kind.usual, **recipe.ranges.get(name, {})}
-    values = drawn(rng, ranges if rig.scale is None else rig.scale.load_ranges(name, ranges))
+    values = drawn(rng, rig.scale.load_ranges(name, ranges))
     most = GREATEST_FORCE * unit.accumulator.relief_pressure * min(unit.cylinder.area_1, unit.cylinder.area_2)
     if name == "changing":
         return changing(values, rng, duration, duty, most)
@@ -361,14 +340,8 @@ def _load(
     return kind(**values)
 
 
-def _zero_errors(recipe: Recipe, scale: Scale | None) -> dict[str, float]:
-    """Most that the zeros of a machine's sensors are off, by channel."""
-    errors = recipe.sensors.zero_error
-    return errors if scale is None else scale.zero_errors(errors)
-
-
-def _sensors(recipe: Recipe, unit: Unit, rng: Rng, scale: Scale | None) -> dict[str, Any]:
-    errors, zeros = recipe.sensors, _zero_errors(recipe, scale)
+def _sensors(recipe: Recipe, unit: Unit, rng: Rng, scale: Scale) -> dict[str, Any]:
+    errors, zeros = recipe.sensors, scale.zero_errors(recipe.sensors.zero_error)
     varied = {}
     for channel, sensor in unit.sensors.items():
         factor = log_uniform(rng, errors.noise_factor)

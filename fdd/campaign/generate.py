@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from fdd.campaign.calibration import calibration_runs, ordinary_strokes
 from fdd.campaign.card import write_card, write_sums
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.structures import Condition
+from fdd.campaign.units import Progress
 from fdd.campaign.visibility import is_visible, largest_rms, visibility
 from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
@@ -53,7 +53,6 @@ _GUARD = 0.445  # of the stroke, just within the limit
 UNROUNDED = ("time", "command", "pump_angle", "position_setpoint")
 SUMMARISED = ("leakage", "bulk_modulus", "coulomb_friction", "viscous_friction")
 
-Progress = Callable[[int, int], None]
 Job = tuple[int, str, tuple[tuple[str, ...], ...]]
 """Index of the unit, name of the run (``baseline_1`` …, ``log_000`` …), faults of each of the unit's logs."""
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from fdd.campaign.ranges import Rng, chosen, spread, uniform
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.sizes import Scale
+from fdd.campaign.sizes import NEUTRAL, Scale
 from fdd.plant.duty import DUTIES, ConstantSpeed, Duty, Mission, OneWay
 from fdd.plant.load import ChangingLoad
 from fdd.plant.programme import Programme
@@ -22,6 +22,14 @@ USED_STROKE = 0.8
 """Of half the stroke: most of it that a set-point uses; the rest is for overshoot and drift."""
 USED_SPEED = 0.85
 """Of the drive's largest speed that a set-point may ask for, before load and leakage."""
+ONE_WAY_S: dict[str, Callable[[dict[str, Any]], float]] = {
+    "sines": lambda drawn: 1.0 / (np.pi * drawn["low_hz"]),
+    "sweep": lambda drawn: 1.0 / (np.pi * 0.1),
+    "sawtooth": lambda drawn: 0.25 * drawn["period"],
+    "one_way": lambda drawn: 0.5 * drawn["out"],  # the strokes run to both sides of the offset alike
+    "prbs": lambda drawn: 4.0 * drawn["bit"],
+}
+"""Duty to the seconds of full speed that it spends in one direction, in speed control; else as it holds."""
 SHORTEST_S, STAGES = 15.0, (3, 6)
 """s of a stage of a mission at least, and how many a log has where there is time for them."""
 
@@ -34,7 +42,7 @@ def fitting_duty(
     *,
     speed: bool,
     gain: float,
-    scale: Scale | None = None,
+    scale: Scale = NEUTRAL,
 ) -> tuple[Duty, Control]:
     """Draw a duty of that kind which the unit can do, and its control.
 
@@ -48,8 +56,7 @@ def fitting_duty(
     """
     kind = DUTIES[name]
     drawn: dict[str, Any] = {}
-    usual = {**kind.usual, **ranges}
-    for key, (low, high) in (usual if scale is None else scale.duty_ranges(usual)).items():
+    for key, (low, high) in scale.duty_ranges({**kind.usual, **ranges}).items():
         # Rigs use their stroke and speed: only times and frequencies spread over decades.
         drawn[key] = (uniform if key in ("amplitude", "speed") else spread)(rng, (low, high))
     drawn["lead_in"] = float(rng.uniform(0.3, 2.0))
@@ -69,7 +76,8 @@ def fitting_duty(
         drawn["amplitude"] = min(drawn["amplitude"], most)
     if by_speed and "speed" in drawn:
         # Half the room: a sine of speed starts at its end, and steps walk.
-        drawn["speed"] = min(drawn["speed"], 0.5 * room / (per_rad * _seconds_one_way(name, drawn)))
+        seconds = ONE_WAY_S[name](drawn) if name in ONE_WAY_S else drawn.get("hold", 1.0)
+        drawn["speed"] = min(drawn["speed"], 0.5 * room / (per_rad * seconds))
     spare = room - drawn.get("amplitude", 0.0) if not by_speed or name == "constant_speed" else 0.3 * room
     drawn["offset"] = float(rng.uniform(-1.0, 1.0)) * min(spare, 0.06)
     control = Control(mode="speed") if by_speed else Control(mode="position", gain=gain)
@@ -92,24 +100,8 @@ def _reachable(name: str, drawn: Mapping[str, Any], fastest: float, gain: float,
     return float("inf")
 
 
-def _seconds_one_way(name: str, drawn: Mapping[str, Any]) -> float:
-    """Seconds of full speed that a duty in speed control spends in one direction."""
-    if name == "sines":
-        return 1.0 / (np.pi * float(drawn["low_hz"]))
-    if name == "sweep":
-        return 1.0 / (np.pi * 0.1)
-    if name == "sawtooth":
-        return 0.25 * float(drawn["period"])
-    if name == "one_way":
-        # The strokes run to both sides of the offset alike.
-        return 0.5 * float(drawn["out"])
-    if name == "prbs":
-        return 4.0 * float(drawn["bit"])
-    return float(drawn.get("hold", 1.0))
-
-
 def drawn_mission(
-    recipe: Recipe, unit: Unit, rng: Rng, duration: float, gain: float, scale: Scale | None
+    recipe: Recipe, unit: Unit, rng: Rng, duration: float, gain: float, scale: Scale
 ) -> tuple[Mission, Control]:
     """A mission of the recipe's other duties, by position."""
     weights = {n: w for n, w in recipe.duties.items() if n not in ("mission", "constant_speed", "one_way")}

@@ -47,6 +47,10 @@ class Spread:
         departure = self.width * float(np.clip(rng.standard_normal(), -3.0, 3.0))
         return float(np.exp(departure)) if self.distribution == "lognormal" else 1.0 + departure
 
+    def alike(self, width: float) -> Spread:
+        """What takes its place in a population whose numbers all differ alike: uniform within ± `width`."""
+        return Spread("uniform", width, "the recipe")
+
 
 _HOSES = "assumption: hoses and fittings are cut and screwed on site; a tenth of a metre in one"
 _GAP = (
@@ -80,7 +84,6 @@ BETWEEN_UNITS: dict[str, dict[str, Spread]] = {
     "accumulator": {
         "charge_pressure": Spread("normal", 0.05, "assumption: charged by a gauge of class 2.5"),
         "gas_volume": Spread("normal", 0.1, "assumption: shells to 5 %, and how much oil was filled in"),
-        "oil_volume": Spread("normal", 0.1, "as gas_volume"),
         "refeed_cracking_pressure": Spread("normal", 0.2, _SPRING),
         "refeed_flow_gain": Spread("normal", 0.15, _SPRING),
         "case_cracking_pressure": Spread("normal", 0.2, _SPRING),
@@ -99,7 +102,11 @@ BETWEEN_UNITS: dict[str, dict[str, Spread]] = {
         "current_limit": Spread("normal", 0.02, "assumption: a drive's current measurement"),
     },
 }
-"""Section of the profile to field: what an actuator has over its data sheet."""
+"""Section of the profile to field: what an actuator has over its data sheet. What is left out is a definition
+(reference pressure and temperature), a rating (maximum speed, ranges) or hardly varies (polytropic index,
+density)."""
+OIL_VOLUME = {"oil_volume": Spread("normal", 0.1, "as gas_volume")}
+"""Of an accumulator whose profile states it."""
 
 AREA_RATIO = Spread("normal", 0.003, "assumption: both chambers have the bore in common, the rod is ground")
 

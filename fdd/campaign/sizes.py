@@ -9,7 +9,7 @@ the thesis's axis A, whose numbers the rest of the house is written in.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -158,61 +158,37 @@ def with_accumulator(unit: Unit, oil_temperatures: Range, margin: float = MARGIN
     return unit.model_copy(update={"accumulator": changed})
 
 
-@dataclass(frozen=True)
+@dataclass
 class Scale:
-    """How much larger a machine is than axis A, as factors.
+    """How much larger a machine that was drawn as a whole is than axis A, as factors.
 
-    Attributes
-    ----------
-    unit : the machine itself.
-    pressure, flow, area, stroke, turning : relief setting, flow at the drive's largest speed, smaller area,
-        stroke, largest speed of the drive.
-    friction : break-away force. stiffness : of the oil on the piston. current : the drive's limit.
-    charge, cracking : pressures of the accumulator and of the refeeding valves.
+    Without a `unit` all are 1: of the machines that recipes' ranges are made for.
     """
 
-    unit: Unit
-    pressure: float
-    flow: float
-    area: float
-    stroke: float
-    turning: float
-    friction: float
-    stiffness: float
-    current: float
-    charge: float
-    cracking: float
+    unit: Unit | None = None
 
-    @classmethod
-    def of(cls, unit: Unit) -> Scale:
-        """The scale of a profile."""
-        axis, mine = _sizes(Unit.load(AXIS)), _sizes(unit)
-        return cls(unit, *(m / a for m, a in zip(mine, axis, strict=True)))
+    def __post_init__(self) -> None:
+        unit = self.unit
 
-    @property
-    def force(self) -> float:
-        """Of pressure times area."""
-        return self.pressure * self.area
+        def over(size: Callable[[Unit], float]) -> float:
+            return 1.0 if unit is None else size(unit) / size(Unit.load(AXIS))
 
-    @property
-    def velocity(self) -> float:
-        """Of the piston at the drive's largest speed."""
-        return self.flow / self.area
-
-    @property
-    def torque(self) -> float:
-        """Of the pump at the relief setting."""
-        return self.pressure * self.flow / self.turning
-
-    @property
-    def leakage(self) -> float:
-        """Of flow over pressure."""
-        return self.flow / self.pressure
-
-    @property
-    def position_gain(self) -> float:
-        """Of a position loop that is as quick, (rad/s)/m."""
-        return self.turning / self.velocity
+        self.pressure = over(lambda u: u.accumulator.relief_pressure)
+        self.turning = over(lambda u: u.drive.max_speed)
+        self.flow = over(lambda u: u.pump.displacement * u.drive.max_speed)
+        self.area = over(lambda u: min(u.cylinder.area_1, u.cylinder.area_2))
+        self.stroke = over(lambda u: u.cylinder.stroke)
+        # Of the force that it breaks away at, of the oil on the piston, of the drive's limit.
+        self.friction = over(lambda u: 0.5 * (u.friction.forward.static + u.friction.reverse.static))
+        self.stiffness = over(_stiffness)
+        self.current = over(lambda u: u.drive.current_limit)
+        self.charge = over(lambda u: u.accumulator.charge_pressure)
+        self.cracking = over(lambda u: u.accumulator.refeed_cracking_pressure)
+        self.force = self.pressure * self.area
+        self.velocity = self.flow / self.area  # of the piston at the drive's largest speed
+        self.torque = self.pressure * self.flow / self.turning  # of the pump at the relief setting
+        self.leakage = self.flow / self.pressure
+        self.position_gain = self.turning / self.velocity  # of a loop that is as quick
 
     def load_ranges(self, name: str, ranges: Mapping[str, Range]) -> dict[str, Range]:
         """Ranges of a load's parameters for this machine."""
@@ -265,6 +241,8 @@ class Scale:
         that to the charge, a brake on the shaft that to the torque at the drive's largest speed.
         """
         unit, axis = self.unit, _FAULTS
+        if unit is None:
+            return dict(drawn)
         rated = unit.accumulator.relief_pressure / RELIEF
         flow, half = unit.pump.displacement * unit.drive.max_speed, 0.5 * rated
         turbulent = drawn.get("internal_leakage_orifice_share", axis["internal_leakage_orifice_share"])
@@ -299,16 +277,14 @@ class Scale:
         return {channel: error * factors.get(channel, 1.0) for channel, error in errors.items()}
 
 
-def _sizes(unit: Unit) -> tuple[float, ...]:
-    cylinder, drive = unit.cylinder, unit.drive
+def _stiffness(unit: Unit) -> float:
+    """N/m of the oil on the piston."""
+    cylinder = unit.cylinder
     springs = cylinder.area_1**2 / cylinder.volume_1 + cylinder.area_2**2 / cylinder.volume_2
-    static = 0.5 * (unit.friction.forward.static + unit.friction.reverse.static)
-    store, flow = unit.accumulator, unit.pump.displacement * drive.max_speed
-    return (
-        store.relief_pressure, flow, min(cylinder.area_1, cylinder.area_2), cylinder.stroke, drive.max_speed,
-        static, unit.oil.bulk_modulus * springs, drive.current_limit, store.charge_pressure,
-        store.refeed_cracking_pressure,
-    )  # fmt: skip
+    return unit.oil.bulk_modulus * springs
+
+
+NEUTRAL = Scale()
 
 
 def _sensors(axis: Unit, full: float, current: float) -> dict[str, Sensor]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from pathlib import Path
 from typing import Unpack
 
 import numpy as np
@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from scipy.special import digamma
 
 from fdd.campaign.dataset import Dataset
-from fdd.campaign.units import How, for_each_unit
+from fdd.campaign.units import How, over_units
 from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of, history_of
 from fdd.diagnosis.random_effects import log_effects, log_equations, own_columns
 from fdd.errors import InputError
@@ -99,10 +99,17 @@ def learnt_spread(
     freedom = 4.0
     weights = [np.ones(len(u.vector)) for u in units]
     for _ in range(iterations):
-        found = [_unit(u, w, m, units_variance, parts, freedom) for u, w in zip(units, weights, strict=True)]
-        weights = [f.weights for f in found]
+        found = [
+            log_effects(u.information, u.vector, u.conditions @ parts / w[:, None], m, units_variance)
+            for u, w in zip(units, weights, strict=True)
+        ]
+        squares = np.concatenate([w[:, None] * f.squares for f, w in zip(found, weights, strict=True)])
+        weights = [
+            (freedom + f.told.sum(axis=1)) / (freedom + f.distance / w)
+            for f, w in zip(found, weights, strict=True)
+        ]
         total = conditions @ parts
-        excess = (np.concatenate([f.squares for f in found]) - total) / np.square(total)
+        excess = (squares - total) / np.square(total)
         for k, part in enumerate(parts):
             has = conditions[:, k] > 0.0
             if has.any():
@@ -126,25 +133,6 @@ def learnt_spread(
     )
 
 
-@dataclass(frozen=True)
-class _Unit:
-    """Expectations of one unit: its mean (n,) and its variance; of each log the squares of its differences
-    times its weight (l, n), the share of each that it tells (l, n), and its weight (l,)."""
-
-    mean: Array
-    variance: Array
-    squares: Array
-    told: Array
-    weights: Array
-
-
-def _unit(logs: UnitLogs, weights: Array, m: Array, units: Array, parts: Array, freedom: float) -> _Unit:
-    variances = logs.conditions @ parts / weights[:, None]
-    found = log_effects(logs.information, logs.vector, variances, m, units)
-    fresh = (freedom + found.told.sum(axis=1)) / (freedom + found.distance / weights)
-    return _Unit(found.mean, found.variance, weights[:, None] * found.squares, found.told, fresh)
-
-
 def _freedom(weights: Array, told: Array, freedom: float) -> float:
     """ν for which the weights are as likely as can be."""
     half = 0.5 * (freedom + told)
@@ -157,7 +145,7 @@ def _freedom(weights: Array, told: Array, freedom: float) -> float:
     return low if slope(low) <= 0.0 else high if slope(high) > 0.0 else float(brentq(slope, low, high))
 
 
-def learn_spreads(directories: Sequence[str], **how: Unpack[How]) -> Spreads:
+def learn_spreads(directories: Sequence[str | Path], **how: Unpack[How]) -> Spreads:
     """Learn from healthy logs and healthy twins of data sets with baselines.
 
     Raises
@@ -165,13 +153,12 @@ def learn_spreads(directories: Sequence[str], **how: Unpack[How]) -> Spreads:
     InputError : not a data set, without baselines, or too few units.
     """
     sets = [Dataset.load(d) for d in directories]
-    places = [f"{k}/{unit}" for k, data in enumerate(sets) for unit in data.units]
-    if len(places) < LEAST_UNITS:
+    if (number := sum(len(data.units) for data in sets)) < LEAST_UNITS:
         raise InputError(
-            f"{len(places)} units: at least {LEAST_UNITS} are needed to learn what units differ by",
+            f"{number} units: at least {LEAST_UNITS} are needed to learn what units differ by",
             mend="leave --spreads out, or generate more units",
         )
-    units = for_each_unit(partial(_equations, [str(data.directory) for data in sets]), places, **how)
+    units = over_units(_equations, directories, **how)
     before = shipped_spreads()
     balances = dict(before.balances)
     for name, old in before.balances.items():
@@ -209,15 +196,13 @@ class HealthyLogs:
     healthy: list[tuple[str, BalanceHistory]]
 
 
-def healthy_logs(places: Sequence[str], place: str, spreads: Spreads | None = None) -> HealthyLogs:
-    """A unit of one of several data sets, identified from its own baseline.
+def healthy_logs(data: Dataset, name: str, spreads: Spreads | None = None) -> HealthyLogs:
+    """A unit of a data set, identified from its own baseline.
 
     Parameters
     ----------
-    places : folders. place : ``k/unit``, of the k-th. spreads : of a model; None takes the shipped ones.
+    spreads : of a model; None takes the shipped ones.
     """
-    k, _, name = place.partition("/")
-    data = Dataset.load(places[int(k)])
     runs = data.baseline(name)
     unit = identify_unit(runs, data.base_unit(name), name).unit
     baseline = histories_of(unit, runs)
@@ -227,9 +212,9 @@ def healthy_logs(places: Sequence[str], place: str, spreads: Spreads | None = No
     return HealthyLogs(unit, baseline, [(f, history_of(log, unit, effects)) for f, log in logs if log])
 
 
-def _equations(places: list[str], place: str) -> list[dict[str, UnitLogs]]:
+def _equations(data: Dataset, unit: str) -> list[dict[str, UnitLogs]]:
     """What a unit's healthy logs tell of each balance."""
-    logs = healthy_logs(places, place)
+    logs = healthy_logs(data, unit)
     out: dict[str, UnitLogs] = {}
     for name in BALANCES:
         known = None if logs.unit.baseline is None else logs.unit.baseline.balances.get(name)

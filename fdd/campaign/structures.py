@@ -105,25 +105,21 @@ class Structure(Departure):
             raise InputError("base and size are both given", where=where, mend="leave one out")
         example = Unit.load("axis_a")
         for part, fields in self.profile.items():
-            known = type(getattr(example, part)).model_fields if part in PARTS else {}
-            for field in fields:
-                if field not in known:
-                    mend = f"use fields of: {', '.join(PARTS)}"
-                    raise InputError(f"unknown {part} {field}", where=f"{where} profile", mend=mend)
-            for end in (0, 1) if fields else ():
-                section = getattr(example, part)
+            if part not in PARTS:
+                mend = f"use fields of: {', '.join(PARTS)}"
+                raise InputError(f"unknown {part}", where=f"{where} profile", mend=mend)
+            section = getattr(example, part)
+            for end in (0, 1):
                 values = {n: bounds[end] for n, bounds in fields.items()}
                 try:
                     type(section).model_validate({**section.model_dump(exclude={"provenance"}), **values})
                 except ValidationError as error:
                     raise input_error(error, f"{where} profile {part}", "correct that range") from None
         for channel, fields in self.sensors.items():
-            for field in fields:
-                if field not in ("noise", "resolution", "bandwidth_hz"):
-                    mend = "use noise, resolution or bandwidth_hz"
-                    raise InputError(
-                        f"{channel} {field} cannot be drawn", where=f"{where} sensors", mend=mend
-                    )
+            if odd := set(fields) - {"noise", "resolution", "bandwidth_hz"}:
+                problem = f"{channel} {min(odd)} cannot be drawn"
+                mend = "use noise, resolution or bandwidth_hz"
+                raise InputError(problem, where=f"{where} sensors", mend=mend)
         for end in (0, 1):
             Details(**{n: v if isinstance(v, str) else v[end] for n, v in self.details.items()})
         self.recording(Recording())

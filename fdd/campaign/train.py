@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset, Entry
-from fdd.campaign.units import How, for_each_unit
+from fdd.campaign.units import How, over_units
 from fdd.diagnosis.answering import Z80, hidden_share
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import FaultFinding
@@ -76,11 +75,8 @@ def train(
     ------
     InputError : not a data set, without baselines, or too small.
     """
-    sets = [Dataset.load(d) for d in directories]
-    units = [f"{k}/{unit}" for k, data in enumerate(sets) for unit in data.units]
-    work = partial(_scored, [str(data.directory) for data in sets], spreads)
-    logs = for_each_unit(work, units, **how)
-    model = learnt(logs, ", ".join(d.described for d in sets))
+    logs = over_units(_scored, directories, spreads, **how)
+    model = learnt(logs, ", ".join(Dataset.load(d).described for d in directories))
     model.spreads = spreads
     return model, logs
 
@@ -163,9 +159,7 @@ def identified_unit(data: Dataset, unit: str, spreads: Spreads | None = None) ->
     return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs, spreads)
 
 
-def _scored(directories: list[str], spreads: Spreads | None, place: str) -> list[ScoredLog]:
-    k, _, unit = place.partition("/")
-    data = Dataset.load(directories[int(k)])
+def _scored(data: Dataset, unit: str, spreads: Spreads | None) -> list[ScoredLog]:
     profile = identified_unit(data, unit, spreads)
     model = Model.load().model_copy(update={"spreads": spreads})
     out = []

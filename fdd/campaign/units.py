@@ -6,15 +6,16 @@ import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypedDict, TypeVar, Unpack
+from typing import TypedDict, TypeVar, TypeVarTuple, Unpack
 
 from fdd.campaign.dataset import Dataset
-from fdd.diagnosis.model import Model
 from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
 
 Progress = Callable[[int, int], None]
+Job = TypeVar("Job")
 Result = TypeVar("Result")
+Given = TypeVarTuple("Given")
 
 
 class How(TypedDict, total=False):
@@ -26,28 +27,31 @@ class How(TypedDict, total=False):
 
 
 def over_units(
-    work: Callable[[str, str | None, str], list[Result]],
-    directory: str | Path,
-    model: str | None,
+    work: Callable[[Dataset, str, *Given], list[Result]],
+    directories: Sequence[str | Path],
+    *given: *Given,
     **how: Unpack[How],
 ) -> list[Result]:
-    """Join what `work` gives for the units of a data set, after a look at both data set and model.
+    """Join what `work` gives for the units of data sets, in their order.
 
     Parameters
     ----------
-    work : data set's folder, model file and unit's name to its results; a function of a module.
+    work : data set, unit's name and what is `given` to its results; a function of a module.
 
     Raises
     ------
-    InputError : not a data set, or an unusable model.
+    InputError : not a data set, and as `for_each_unit`.
     """
-    Model.load(model)
-    data = Dataset.load(directory)
-    return for_each_unit(partial(work, str(data.directory), model), data.units, **how)
+    folders = [data.directory / unit for data in map(Dataset.load, directories) for unit in data.units]
+    return for_each_unit(partial(_opened, work, given), folders, **how)
+
+
+def _opened(work: Callable[..., list[Result]], given: tuple[object, ...], folder: Path) -> list[Result]:
+    return work(Dataset.load(folder.parent), folder.name, *given)
 
 
 def for_each_unit(
-    work: Callable[[str], list[Result]], units: Sequence[str], **how: Unpack[How]
+    work: Callable[[Job], list[Result]], units: Sequence[Job], **how: Unpack[How]
 ) -> list[Result]:
     """Join what `work` gives for each unit, in the order of the units.
 
@@ -72,7 +76,7 @@ def for_each_unit(
     return [result for number in range(len(units)) for result in found[number]]
 
 
-def _tried(work: Callable[[str], list[Result]], unit: str) -> list[Result] | InputError:
+def _tried(work: Callable[[Job], list[Result]], unit: Job) -> list[Result] | InputError:
     try:
         return work(unit)
     except InputError as error:

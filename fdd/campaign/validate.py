@@ -36,15 +36,12 @@ def validate(directory: str | Path, model: str | None = None, **how: Unpack[How]
     ------
     InputError : not a data set, or an unusable model.
     """
-    return over_units(_unit_outcomes, directory, model, **how)
+    return over_units(_unit_outcomes, [directory], Model.load(model), **how)
 
 
-def _unit_outcomes(directory: str, model: str | None, unit: str) -> list[Outcome]:
-    data = Dataset.load(directory)
-    profile = identified_unit(data, unit)
-    true = data.true_unit(unit)
-    loaded = Model.load(model)
-    return [_outcome(data, entry, profile, true, loaded) for entry in data.logs_of(unit)]
+def _unit_outcomes(data: Dataset, unit: str, model: Model) -> list[Outcome]:
+    profile, true = identified_unit(data, unit), data.true_unit(unit)
+    return [_outcome(data, entry, profile, true, model) for entry in data.logs_of(unit)]
 
 
 def _outcome(data: Dataset, entry: Entry, profile: Unit, true: Unit, model: Model) -> Outcome:

@@ -44,8 +44,8 @@ def fdd(
 
 COMMANDS = {
     "Use": {"diagnose": "diagnose", "monitor": "monitor", "serve": "serve", "compare": "history",
-            "trend": "history", "demo": "demo"},
-    "Rigs": {"inspect": "inspect", "map": "map", "identify": "identify", "experiment": "experiment",
+            "trend": "history", "demo": "diagnose"},
+    "Rigs": {"inspect": "rig_logs", "map": "rig_logs", "identify": "identify", "experiment": "identify",
              "publish": "serve"},
     "Research": {"simulate": "simulate", "generate": "campaign", "features": "campaign", "train": "campaign",
                  "validate": "campaign", "schema": "schema"},

@@ -107,7 +107,7 @@ class AnswersFolder:
 def worked(
     jobs: Sequence[tuple[int, Job]], settings: Settings, workers: int | None, engine: Engine = "local"
 ) -> Iterator[tuple[int, Diagnosis]]:
-    """Work jobs; gives answers as they come.
+    """Work jobs, and show how far they are; gives answers as they come.
 
     Parameters
     ----------
@@ -119,11 +119,15 @@ def worked(
     ------
     The number, and the answer: that of a log that could not be read has an `error`.
     """
+    from fdd.cli.console import progress
+
     _diagnoser.cache_clear()  # its files may have changed since the last call in this process
     plain = [job for _, job in jobs]
-    work = partial(_work, settings)
-    for k, answer in map_unordered(work, plain, engine=engine, workers=workers, begin=_begin):
-        yield jobs[k][0], answer
+    answers = map_unordered(partial(_work, settings), plain, engine=engine, workers=workers, begin=_begin)
+    with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
+        for done, (k, answer) in enumerate(answers, 1):
+            yield jobs[k][0], answer
+            advance(done)
 
 
 class _Worker:

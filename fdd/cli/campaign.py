@@ -9,16 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from fdd.cli.options import (
-    DatasetArgument,
-    EngineOption,
-    ModelOption,
-    WorkersOption,
-    argument,
-    option,
-    require_packages,
-)
+from fdd.cli import options
+from fdd.cli.options import argument, option, require_packages
 from fdd.errors import InputError
+from fdd.files import require_writable, write_text, written
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -31,7 +25,7 @@ Target = Literal["family", "fault"]
 def generate(
     recipe: Annotated[Path, argument("Recipe of the campaign (YAML).")],
     out: Annotated[Path, option("Folder of the data set.", "--out", "-o")],
-    workers: WorkersOption = None,
+    workers: options.WorkersOption = None,
     units: Annotated[int | None, option("Units, instead of the recipe's.", min=1)] = None,
     logs: Annotated[int | None, option("Logs of each unit, instead of the recipe's.", min=0)] = None,
     twins: Annotated[
@@ -39,11 +33,9 @@ def generate(
         option("Each faulty log once more without its faults, instead of the recipe's; twice the time.",
                "--twins/--no-twins"),
     ] = None,
-    engine: EngineOption = "local",
+    engine: options.EngineOption = "local",
 ) -> None:  # fmt: skip
     """Generate a labelled data set of simulated runs."""
-    from fdd.files import require_writable
-
     require_writable(out, folder=True)
 
     from fdd.campaign.generate import generate as run
@@ -61,22 +53,20 @@ def generate(
 
 
 def features(
-    dataset: DatasetArgument,
+    dataset: options.DatasetArgument,
     out: Annotated[
         Path,
         option("Table to write; as features.parquet in the data set's folder it is found there.",
                "--out", "-o", metavar="FILE.parquet"),
     ],
-    model: ModelOption = None,
-    workers: WorkersOption = None,
-    engine: EngineOption = "local",
+    model: options.ModelOption = None,
+    workers: options.WorkersOption = None,
+    engine: options.EngineOption = "local",
 ) -> None:  # fmt: skip
     """Make a table of features and truth of a data set: a row for each log."""
-    from fdd.files import require_writable
-
     require_writable(out)
 
-    from fdd.campaign.feature_table import feature_table, write_features
+    from fdd.campaign.loading import feature_table, write_features
     from fdd.cli.console import counted
 
     asked = None if model is None else str(model)
@@ -87,15 +77,13 @@ def features(
 
 
 def validate(
-    dataset: DatasetArgument,
+    dataset: options.DatasetArgument,
     model: Annotated[str | None, option("Model file that fdd train wrote; the shipped one else.")] = None,
     out: Annotated[Path | None, option("Folder for validation.md and outcomes.csv.", "--out", "-o")] = None,
-    workers: WorkersOption = None,
-    engine: EngineOption = "local",
+    workers: options.WorkersOption = None,
+    engine: options.EngineOption = "local",
 ) -> None:
     """Diagnose every log of a data set and compare with its truth."""
-    from fdd.files import require_writable, write_text, written
-
     if out is not None:
         require_writable(out, folder=True)
 
@@ -138,11 +126,9 @@ def train(
             "from 20 units on, with twins best.",
         ),
     ] = False,
-    workers: WorkersOption = None,
+    workers: options.WorkersOption = None,
 ) -> None:
     """Learn from data sets how often healthy logs reach a score, and what a score is worth."""
-    from fdd.files import require_writable
-
     require_writable(out)
     if classifier is not None:
         _train_classifier(classifier, datasets, out, target, workers)
@@ -159,7 +145,7 @@ def train(
             from fdd.campaign.spreads import learn_spreads
 
             with counted("what healthy logs differ by") as step:
-                found = learn_spreads([str(d) for d in datasets], workers=count, progress=step)
+                found = learn_spreads(datasets, workers=count, progress=step)
         with counted("training") as step:
             model, logs = fit(datasets, workers=count, progress=step, spreads=found)
     except InputError as error:

@@ -1,8 +1,10 @@
-"""``fdd diagnose``: logs in, answers out."""
+"""``fdd diagnose``: logs in, answers out; ``fdd demo``: the same on a shipped log."""
 
 from __future__ import annotations
 
 import json
+import shlex
+import shutil
 import sys
 import time
 from collections.abc import Sequence
@@ -14,6 +16,7 @@ import typer
 from fdd.cli import options
 from fdd.cli.options import argument, option, require_outputs, write_json
 from fdd.errors import InputError
+from fdd.files import require_writable
 
 if TYPE_CHECKING:
     from fdd.cli.batch import AnswersFolder
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
 
 FAULT_STATUS, UNREADABLE_STATUS, INCONCLUSIVE_STATUS = 1, 2, 3
 SAVE_EVERY_S = 5.0
+DEMO_LOG, DEMO_UNIT = "demo.mcap", "unit.yaml"
 
 
 def diagnose(
@@ -76,7 +80,6 @@ def diagnose(
 ) -> None:  # fmt: skip
     """Diagnose logs: is there a fault, since when, which one, and how severe."""
     from fdd.cli.batch import AnswersFolder, worked
-    from fdd.cli.console import progress
     from fdd.cli.which_logs import find_logs
     from fdd.offline.diagnoser import Diagnoser, Settings
 
@@ -98,13 +101,11 @@ def diagnose(
             if folder:
                 folder.begin()
             todo, saved = [(k, job) for k, job in enumerate(jobs) if k not in answers], time.monotonic()
-            with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
-                for k, answer in worked(todo, settings, workers, engine):
-                    answers[k] = answer
-                    advance(len(answers))
-                    if folder and time.monotonic() - saved > SAVE_EVERY_S:
-                        folder.write(jobs, answers, pages=False)
-                        saved = time.monotonic()
+            for k, answer in worked(todo, settings, workers, engine):
+                answers[k] = answer
+                if folder and time.monotonic() - saved > SAVE_EVERY_S:
+                    folder.write(jobs, answers, pages=False)
+                    saved = time.monotonic()
     finally:
         if answers:
             if folder:
@@ -196,3 +197,28 @@ def _tell(
         told = f"{len(answers) - unread} of {len(jobs)} logs diagnosed"
         told += f", {unread} could not be read" if unread else ""
         console.print(f"{told}; written to {folder.path / 'index.html'}", soft_wrap=True)
+
+
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Report to write.")] = Path("fdd-demo-report.html"),
+    model: options.ModelOption = None,
+) -> None:
+    """Diagnose a shipped log of a leaking actuator and write its report."""
+    require_writable(out)
+
+    from importlib import resources
+
+    from fdd.cli.console import output
+    from fdd.cli.tables import diagnosis_view
+    from fdd.offline.diagnoser import Diagnoser, Job, Settings
+
+    with resources.as_file(resources.files("fdd") / "demo") as folder:
+        job = Job(folder / DEMO_LOG, DEMO_LOG, report=out)
+        diagnoser = Diagnoser(Settings(unit=str(folder / DEMO_UNIT), model=model))
+        found = diagnoser.diagnose(job, diagnoser.read(job))
+    diagnoser.write(job, found)
+    output().print(diagnosis_view(found.diagnosis, found.unit))
+    print(f"Report with all plots: {out.resolve()}")
+    fdd = "fdd" if shutil.which("fdd") else sys.argv[0]  # make demo's stands in .venv/bin, in no path
+    words = [fdd, "diagnose", folder / DEMO_LOG, "--unit", folder / DEMO_UNIT, "--report", "report.html"]
+    print(f"The same by hand: {shlex.join(map(str, words))}")

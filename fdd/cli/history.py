@@ -12,12 +12,12 @@ import typer
 from fdd.cli import options
 from fdd.cli.options import argument, option, require_outputs, require_packages, write_json
 from fdd.errors import InputError
+from fdd.files import require_writable, write_text, written
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
     from fdd.history.trend import Each
     from fdd.offline.diagnoser import Settings
-    from fdd.report.page import Sheet
     from fdd.unit import Unit
 
 UNREADABLE_STATUS = 2
@@ -38,6 +38,7 @@ def compare(
 ) -> None:
     """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
     from fdd.cli.console import progress
+    from fdd.cli.tables import tell_sheet
     from fdd.cli.which_logs import names_of
     from fdd.history.compare import Side
     from fdd.history.compare import compare as compared
@@ -62,7 +63,8 @@ def compare(
             advance(float(len(sides)))
     answer, spectra = compared(sides[0], sides[1], diagnoser.unit)
     answer.notes += notes
-    _tell(answer.model_dump_json(by_alias=True, indent=2), compare_sheet(answer, spectra), json_, report)
+    told = answer.model_dump_json(by_alias=True, indent=2)
+    tell_sheet(told, compare_sheet(answer, spectra), json_, report)
 
 
 def trend(
@@ -88,7 +90,7 @@ def trend(
     workers: options.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
-    from fdd.files import require_writable, write_text, written
+    from fdd.cli.tables import tell_sheet
     from fdd.history.trend import given_limits, severity_one, trend_of
     from fdd.history.view import trend_csv, trend_sheet
     from fdd.offline.diagnoser import Settings
@@ -130,22 +132,9 @@ def trend(
         write_json(str(output_ / "trend.json"), told)
         write_text(output_ / "trend.csv", trend_csv(life))
         write_text(output_ / "index.html", render_sheet(sheet, alone=False))
-    _tell(told, sheet, json_, report)
+    tell_sheet(told, sheet, json_, report)
     if any(a.error for a in answers):
         raise typer.Exit(UNREADABLE_STATUS)
-
-
-def _tell(answer: str, sheet: Sheet, json_: str | None, report: Path | None) -> None:
-    """An answer as data, as a page, and for people."""
-    from fdd.cli.tables import print_sheet
-    from fdd.files import write_text
-    from fdd.report.page import render_sheet
-
-    write_json(json_, answer)
-    if report is not None:
-        write_text(report, render_sheet(sheet))
-    if json_ != "-":
-        print_sheet(sheet)
 
 
 def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered, Each]:
@@ -179,18 +168,13 @@ def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered
 
 def _of_logs(logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None) -> Answered:
     from fdd.cli.batch import worked
-    from fdd.cli.console import progress
     from fdd.cli.which_logs import find_logs, names_of
     from fdd.offline.diagnoser import Diagnoser, Job, unit_of
 
     paths = find_logs(logs, leave_out)
     jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
     diagnoser = Diagnoser(settings)
-    found: dict[int, Diagnosis] = {}
-    with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
-        for k, answer in worked(list(enumerate(jobs)), settings, workers):
-            found[k] = answer
-            advance(len(found))
+    found = dict(worked(list(enumerate(jobs)), settings, workers))
     answers, unit = [found[k] for k in sorted(found)], diagnoser.unit
     first = next((job for job, answer in zip(jobs, answers, strict=True) if answer.error is None), None)
     if unit is None and first is not None:

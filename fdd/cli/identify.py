@@ -1,30 +1,27 @@
-"""``fdd identify``: a unit's own profile from its healthy logs."""
+"""``fdd identify``: a unit's own profile from healthy logs; ``fdd experiment``: one experiment on logs."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fdd.cli.options import (
-    AxisOption,
-    JsonOption,
-    MapOption,
-    argument,
-    option,
-    require_outputs,
-    units,
-    write_json,
-)
+from fdd.cli import options
+from fdd.cli.options import argument, option, require_outputs, write_json
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from fdd.identification import Identification
+    from fdd.identification.experiments.outcome import Outcome
     from fdd.identification.from_logs import Identified
-    from fdd.identification.profile import TableRow
+    from fdd.identification.profile import Identification, TableRow
+    from fdd.identification.record import Record
 
+Experiment = Literal["frequency-response", "friction", "leakage", "gain", "bulk-modulus"]
 WIDE = 120
 """Columns of a terminal that has room for notes."""
 
@@ -34,21 +31,21 @@ def identify(
     out: Annotated[Path, option("Profile to write (YAML).", "--out", "-o")],
     base: Annotated[
         str,
-        typer.Option(help="Profile of a similar unit: a YAML file or a shipped one.", autocompletion=units),
+        typer.Option(
+            help="Profile of a similar unit: a YAML file or a shipped one.", autocompletion=options.units
+        ),
     ] = "axis_a",
-    map_: MapOption = None,
-    axis: AxisOption = None,
+    map_: options.MapOption = None,
+    axis: options.AxisOption = None,
     name: Annotated[str | None, option("Name of the new profile; by default base, date, hash.")] = None,
     add: Annotated[
         Path | None, option("Narrow this identified profile with more logs.", metavar="PROFILE")
     ] = None,
     accept: Annotated[bool, typer.Option(help="Write a profile that would be refused.")] = False,
-    json_: JsonOption = None,
+    json_: options.JsonOption = None,
     verbose: Annotated[bool, typer.Option(help="Sensors and notes too.")] = False,
 ) -> None:
     """Identify a unit from its healthy logs, so that its own spread is no fault."""
-    import json
-
     from fdd.cli.console import progress
     from fdd.identification.from_logs import identify_logs
 
@@ -126,3 +123,58 @@ def _word(row: TableRow) -> str:
     if row.identified is not None:
         return "identified"
     return "kept, not measured" if "measured" in row.note else "kept, the logs do not excite it"
+
+
+def experiment(
+    kind: Annotated[Experiment, argument("What to find out.")],
+    logs: Annotated[list[Path], argument("Logs of one unit.", "LOG...")],
+    unit: Annotated[
+        str,
+        typer.Option("--unit", "--base", help="Profile to compare with: a YAML file or a shipped one."),
+    ] = "axis_a",
+    map_: options.MapOption = None,
+    axis: options.AxisOption = None,
+    html: Annotated[Path | None, option("Write a page with plots.")] = None,
+    json_: options.JsonOption = None,
+    given: Annotated[
+        Literal["pump_speed", "command"], typer.Option("--input", help="Of the frequency response.")
+    ] = "pump_speed",
+    caused: Annotated[
+        Literal["rate", "position", "pressure_difference"],
+        typer.Option("--output", help="Of the frequency response; rate is the piston's velocity."),
+    ] = "rate",
+    order: Annotated[int | None, option("Poles of its model; by BIC from 1 to 4 else.", min=1, max=8)] = None,
+    window: Annotated[
+        float, typer.Option(min=0.05, max=60.0, help="s, windows of its measured spectra.")
+    ] = 1.0,
+) -> None:
+    """Find frequency response, friction, leakage, gain or bulk modulus in logs, with 95 % intervals.
+
+    What a log does not tell is said, and why.
+    """
+    from fdd.cli.console import progress
+    from fdd.cli.tables import tell_sheet
+    from fdd.identification.experiments.bulk_modulus import bulk_modulus
+    from fdd.identification.experiments.friction import friction
+    from fdd.identification.experiments.gain import gain
+    from fdd.identification.experiments.leakage import leakage
+    from fdd.identification.experiments.response import frequency_response
+    from fdd.identification.record import even_record
+    from fdd.logs import read_log
+    from fdd.unit import Unit
+
+    require_outputs(json_, html)
+    profile = Unit.load(unit)
+    response = partial(frequency_response, given=given, caused=caused, order=order, window_s=window)
+    kinds: dict[Experiment, Callable[[list[Record], Unit], Outcome]] = {
+        "frequency-response": response, "friction": friction, "leakage": leakage, "gain": gain,
+        "bulk-modulus": bulk_modulus,
+    }  # fmt: skip
+    with progress(f"{kind} of {len(logs)} logs"):
+        read = [read_log(path, map_, axis).samples for path in logs]
+        records = [even_record(log, profile, str(path)) for log, path in zip(read, logs, strict=True)]
+        found = kinds[kind](records, profile)
+    names = [path.name for path in logs]
+    data = {**found.as_data(), "logs": names, "unit": profile.name}
+    told = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
+    tell_sheet(told, found.sheet(names, profile.name), json_, html)

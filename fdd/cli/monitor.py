@@ -21,6 +21,7 @@ import typer
 from fdd.cli.failures import stopped_by_signals
 from fdd.cli.options import AxisOption, MapOption, ModelOption, SpeedOption, UnitOption, argument, option
 from fdd.errors import InputError
+from fdd.files import require_writable
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -51,8 +52,6 @@ def monitor(
     """Watch one axis: findings as they come, a summary at the end (or at Ctrl-C)."""
     rate = replay_speed(speed)
     if state is not None:
-        from fdd.files import require_writable
-
         require_writable(state)
 
     import numpy as np

@@ -11,6 +11,7 @@ import typer
 
 from fdd.engines import Engine
 from fdd.errors import InputError
+from fdd.files import require_writable, write_text
 
 
 def option(help: str, *names: str, **more: Any) -> Any:
@@ -78,8 +79,6 @@ DatasetArgument = Annotated[Path, argument("Folder that fdd generate made.")]
 
 def require_outputs(json_: str | None, *files: Path | None, inputs: Iterable[Path] = ()) -> None:
     """Refuse outputs before minutes are spent on them."""
-    from fdd.files import require_writable
-
     read = {path.resolve() for path in inputs}
     for path in (None if json_ in (None, "-") else Path(str(json_)), *files):
         if path is not None:
@@ -94,8 +93,6 @@ def write_json(target: str | None, text: str) -> None:
     if target == "-":
         print(text)
     elif target is not None:
-        from fdd.files import write_text
-
         write_text(target, f"{text}\n")
 
 

@@ -9,6 +9,7 @@ import typer
 
 from fdd.cli.options import argument, option
 from fdd.errors import InputError
+from fdd.files import require_writable
 
 if TYPE_CHECKING:
     from fdd.data_sheet import Answers, Question, Remark
@@ -29,8 +30,6 @@ def new(
     Position 0 is mid-stroke, positive extends; positive pump speed raises the pressure on side 1. What
     the sheet does not say is assumed, and the profile says so. Numbers that no actuator has are refused.
     """
-    from fdd.files import require_writable
-
     require_writable(out)
 
     from fdd.data_sheet import read_answers, require_plausible

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from importlib import import_module
 from typing import Annotated, Any, Literal
 
@@ -22,8 +23,6 @@ ANSWERS = ("diagnosis", "comparison", "trend")
 
 def schema(kind: Annotated[Kind, argument("Of what.")]) -> None:
     """Print the JSON Schema of an answer, a comparison, a trend, a map, a profile, a recipe or serve.yaml."""
-    import json
-
     print(json.dumps(schema_of(kind), indent=2, ensure_ascii=False))
 
 

@@ -16,17 +16,10 @@ from urllib.parse import urlsplit
 
 import typer
 
+from fdd.cli import options
 from fdd.cli.failures import stopped_by_signals
 from fdd.cli.monitor import replay_speed
-from fdd.cli.options import (
-    AxisOption,
-    EngineOption,
-    MapOption,
-    SpeedOption,
-    argument,
-    option,
-    require_packages,
-)
+from fdd.cli.options import argument, option, require_packages
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,7 +35,7 @@ def serve(
         bool, option("Watch three simulated axes, one of which begins to leak.", "--demo")
     ] = False,
     port: Annotated[int | None, option("Instead of the file's.", min=0, max=65535)] = None,
-    engine: EngineOption = "local",
+    engine: options.EngineOption = "local",
     check: Annotated[bool, option("Read the file and all that it names, and end.", "--check")] = False,
     token: Annotated[
         str | None,
@@ -151,9 +144,9 @@ def publish(
         str, option("Broker: mqtt://[USER@]HOST[:PORT], or mqtts:// with TLS.", metavar="URL")
     ],
     topic: Annotated[str, typer.Option(help="{axis} becomes the axis's name.")] = "fdd/{axis}/blocks",
-    map_: MapOption = None,
-    axis: AxisOption = None,
-    speed: SpeedOption = "1",
+    map_: options.MapOption = None,
+    axis: options.AxisOption = None,
+    speed: options.SpeedOption = "1",
     jitter: Annotated[float, typer.Option(min=0.0, help="s that a block is held up at most.")] = 0.0,
     loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Share of blocks that are never sent.")] = 0.0,
     shuffle: Annotated[
@@ -167,7 +160,7 @@ def publish(
     require_packages("serve", "paho")
     import numpy as np
 
-    from fdd.logs import ChannelMap, read_log
+    from fdd.logs import read_log
     from fdd.monitor.sources import pieces
     from fdd.service.blocks import axis_name
     from fdd.service.publishing import Link, sendings
@@ -180,10 +173,9 @@ def publish(
     names = [axis_name(log.stem) for log in logs]
     if len(set(names)) < len(names):
         raise InputError("two logs of one name would be one axis", mend="rename one, or publish them apart")
-    channel_map = None if map_ is None else ChannelMap.load(map_)
     sent = []
     for name, path in zip(names, logs, strict=True):
-        samples = read_log(path, channel_map, axis).samples
+        samples = read_log(path, map_, axis).samples
         mine = sendings(name, samples, link)
         numbers = np.array([block.sequence for _, block in mine], dtype=np.int64)
         overtaken = int((numbers < np.maximum.accumulate(numbers)).sum())

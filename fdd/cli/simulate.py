@@ -22,19 +22,14 @@ def _list_faults(wanted: bool) -> None:
     """The catalogue: id, family, what the plant does, severity 1.0, variants and sides; below it each law."""
     if not wanted:
         return
-    from rich import box
-    from rich.table import Table
     from rich.text import Text
 
-    from fdd.cli.console import output
+    from fdd.cli.console import grid, output
     from fdd.faults import ADDED_BY, CATALOGUE
 
-    caption = "Of variants, sides and laws the first is the default."
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, caption=caption)
-    shares = {"fault": None, "family": None, "what the plant does": 3, "severity 1.0": 3, "variants": 1,
-              "sides": None}  # fmt: skip
-    for name, ratio in shares.items():
-        table.add_column(name, no_wrap=ratio is None, ratio=ratio)
+    whole, caption = ("fault", "family", "sides"), "Of variants, sides and laws the first is the default."
+    heads = ("fault", "family", "what the plant does", "severity 1.0", "variants", "sides")
+    table = grid(heads, whole=whole, pad_edge=False, caption=caption)
     for entry in CATALOGUE.values():
         origin = f" (package {ADDED_BY[entry.id]})" if entry.id in ADDED_BY else ""
         plant = entry.plant + ("" if entry.simulated else " (not simulated)") + origin

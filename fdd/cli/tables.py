@@ -1,7 +1,8 @@
-"""A diagnosis, a comparison and a life for people at a terminal."""
+"""A diagnosis, a comparison, a life and an experiment for people at a terminal."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich import box
@@ -12,6 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from fdd.cli.console import NARROW, grid, output, print_whole
+from fdd.cli.options import write_json
+from fdd.files import write_text
 from fdd.report import tables
 from fdd.report.words import FindingWords, second_opinion_words, verdict_words
 
@@ -41,7 +44,8 @@ def diagnosis_view(diagnosis: Diagnosis, unit: Unit | None = None) -> Renderable
         Panel(head, title=Text(diagnosis.log), title_align="left", border_style=colour, box=box.ROUNDED)
     ]
     parts += [_finding(finding, named=len(words.findings) > 1) for finding in words.findings]
-    parts += [_estimates(diagnosis), _families(diagnosis)]
+    shown = [f"{title.lower()} {percent}" for title, percent, _ in tables.probability_rows(diagnosis)]
+    parts += [_estimates(diagnosis), Text(f"Probabilities: {', '.join(shown) or 'none'}")]
     if diagnosis.second_opinion is not None:
         parts.append(Text(second_opinion_words(diagnosis)))
     parts.append(_quality(diagnosis))
@@ -76,11 +80,6 @@ def _estimates(diagnosis: Diagnosis) -> Table:
     return table
 
 
-def _families(diagnosis: Diagnosis) -> Text:
-    shown = [f"{title.lower()} {percent}" for title, percent, _ in tables.probability_rows(diagnosis)]
-    return Text(f"Probabilities: {', '.join(shown) or 'none'}")
-
-
 def _quality(diagnosis: Diagnosis) -> Text:
     q = diagnosis.quality
     text = Text(
@@ -96,8 +95,19 @@ def _quality(diagnosis: Diagnosis) -> Text:
     return text
 
 
+def tell_sheet(answer: str, sheet: Sheet, json_: str | None, report: Path | None) -> None:
+    """An answer as data, as a page, and for people, as far as each is asked for."""
+    from fdd.report.page import render_sheet
+
+    write_json(json_, answer)
+    if report is not None:
+        write_text(report, render_sheet(sheet))
+    if json_ != "-":
+        print_sheet(sheet)
+
+
 def print_sheet(sheet: Sheet, console: Console | None = None) -> None:
-    """What ``fdd compare`` and ``fdd trend`` print: headline, remarks and tables.
+    """What ``fdd compare``, ``fdd trend`` and ``fdd experiment`` print: headline, remarks and tables.
 
     Titles of columns may wrap, and sentences in lines of some words; a terminal that is too narrow for names
     and numbers breaks the table's lines itself.

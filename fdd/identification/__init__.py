@@ -6,19 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fdd.identification.identify import identify_unit
-    from fdd.identification.profile import Identification
 
-__all__ = ["Identification", "identify_unit"]
+__all__ = ["identify_unit"]
 
 
 def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(name)
     # A diagnosis wants the check of signs alone: what identifies imports a second's worth of scipy.
-    if name == "identify_unit":
-        from fdd.identification.identify import identify_unit
+    from fdd.identification import identify
 
-        return identify_unit
-    if name == "Identification":
-        from fdd.identification.profile import Identification
-
-        return Identification
-    raise AttributeError(name)
+    return getattr(identify, name)

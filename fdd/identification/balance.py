@@ -9,21 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from fdd.identification.least_squares import Estimate, jackknife_std
-from fdd.identification.volume_steps import (
-    AIR,
-    AIR_SCALE,
-    AREA_2,
-    CASE,
-    CROSS,
-    DISPLACEMENT,
-    DRIFT_PRESSURE,
-    STIFF,
-    UNKNOWNS,
-    LogBalances,
-    VolumeSteps,
-    leakage_scale,
-    scales,
-)
+from fdd.identification.volume_steps import LogBalances, Term, VolumeSteps, scales
 from fdd.residuals.oil import air_compliance, modulus_at
 from fdd.tolerances import TOLERANCES, tolerance
 from fdd.unit import Unit
@@ -116,7 +102,7 @@ def fit_balance(
     solution = problem.solve(free_area=True)
     spread = problem.jackknife(solution, free_area=True)
     both = all(np.count_nonzero(steps.chamber == c) > LEAST_ROWS // 2 for c in (1, 2))
-    shift, sure = abs(solution.theta[AREA_2]), float(jackknife_std(spread[:, AREA_2]))
+    shift, sure = abs(solution.theta[Term.AREA_2]), float(jackknife_std(spread[:, Term.AREA_2]))
     free_area = both and shift > AREA_TOLERANCE and shift > AREA_SURE * sure
     return problem.report(solution if free_area else problem.solve(free_area=False), free_area)
 
@@ -149,14 +135,14 @@ class _Problem:
         self.tied = None if split or cross_port == 0.0 else unit.pump.case_leakage / cross_port
         if self.tied is not None:
             m = steps.m.copy()
-            m[:, CROSS] += self.tied * m[:, CASE]
+            m[:, Term.CROSS] += self.tied * m[:, Term.CASE]
             steps = replace(steps, m=m)
         self.steps = steps
         self.unit = unit
         self.reference_pressure = logs.pressure
         per_row = np.where(steps.chamber == 1, *logs.noise)
         self.noise = steps.noise * per_row[:, None, None]
-        leakage, oil, pump = leakage_scale(unit), unit.oil, unit.pump
+        scale, oil, pump = scales(unit), unit.oil, unit.pump
         air, known = max(oil.air_fraction, LEAST_AIR), tolerance(unit, "pump.leakage")
         compliance = unit.oil.bulk_modulus / modulus_at(oil, logs.pressure)
         free = oil.bulk_modulus * air * float(air_compliance(logs.pressure, oil.polytropic_index))
@@ -165,21 +151,21 @@ class _Problem:
         # A chamber's steady loss (m³/s): leakage at a pressure's zero, and oil that swells unmeasured.
         swelling = 0.0 if warmed else WARMING * oil.thermal_expansion * unit.cylinder.volume_1
         steady = float(np.hypot(zero_std(unit) * pump.total_leakage, swelling))
-        drift = steady / (leakage * DRIFT_PRESSURE)
+        drift = steady / scale[Term.DRIFT_1]
         self.prior = np.array([
-            1.0, 0.0, pump.cross_port_leakage / leakage, pump.case_leakage / leakage, 0.5, 0.0, 0.0,
-            max(compliance - 1.5 * free, 0.0), air / AIR_SCALE,
+            1.0, 0.0, pump.cross_port_leakage / scale[Term.CROSS], pump.case_leakage / scale[Term.CASE], 0.5,
+            0.0, 0.0, max(compliance - 1.5 * free, 0.0), air / scale[Term.AIR],
         ])  # fmt: skip
         self.prior_spread = np.array([
-            tolerance(unit, "pump.displacement"), 0.3, max(known * self.prior[CROSS], 0.05),
-            max(known * self.prior[CASE], 0.05), inlet, drift, drift,
+            tolerance(unit, "pump.displacement"), 0.3, max(known * self.prior[Term.CROSS], 0.05),
+            max(known * self.prior[Term.CASE], 0.05), inlet, drift, drift,
             tolerance(unit, "oil.bulk_modulus") * compliance,
-            0.01 * air / AIR_SCALE if hidden else max(air / AIR_SCALE, 0.5),
+            0.01 * air / scale[Term.AIR] if hidden else max(air / scale[Term.AIR], 0.5),
         ])  # fmt: skip
         self.low = np.array(
-            [-np.inf, -np.inf, 0.0, 0.0, INLETS[0], *[-np.inf] * 2, 0.0, LEAST_AIR / AIR_SCALE]
+            [-np.inf, -np.inf, 0.0, 0.0, INLETS[0], *[-np.inf] * 2, 0.0, LEAST_AIR / scale[Term.AIR]]
         )
-        self.high = np.array([*[np.inf] * 4, INLETS[1], *[np.inf] * 3, MOST_AIR / AIR_SCALE])
+        self.high = np.array([*[np.inf] * 4, INLETS[1], *[np.inf] * 3, MOST_AIR / scale[Term.AIR]])
 
     def about(self, theta: Array) -> tuple[Array, Array, Array]:
         """Regressors, their noise and target, linear about `theta`, all in the base's volume of travel.
@@ -187,14 +173,14 @@ class _Problem:
         Chamber 2 is ``A2 Δx = m·θ / (1 + a)``, a the relative change of area 2. As ``A2 Δx (1 + a) = m·θ`` it
         would be linear, and have a solution without any residual: no area and no displacement.
         """
-        m, a = self.steps.m.copy(), float(theta[AREA_2])
+        m, a = self.steps.m.copy(), float(theta[Term.AREA_2])
         second = self.steps.chamber == 2
-        m[:, AREA_2] = 0.0
+        m[:, Term.AREA_2] = 0.0
         m[second] /= 1.0 + a
-        m[second, AREA_2] = -(m[second] @ theta) / (1.0 + a)
+        m[second, Term.AREA_2] = -(m[second] @ theta) / (1.0 + a)
         noise = np.where(second, 1.0 / (1.0 + a), 1.0)[:, None, None] * self.noise
-        noise[:, :, AREA_2] = 0.0
-        return m, noise, self.steps.y + m[:, AREA_2] * a
+        noise[:, :, Term.AREA_2] = 0.0
+        return m, noise, self.steps.y + m[:, Term.AREA_2] * a
 
     def normal(
         self, theta: Array, weights: Array, rows: NDArray[np.bool_] | None = None
@@ -202,7 +188,7 @@ class _Problem:
         """Information of the rows, that of the pressure noise in them, and the right-hand side."""
         take = slice(None) if rows is None else rows
         m, noise, y = (part[take] for part in self.about(theta))
-        w, n = weights[take], noise.reshape(-1, UNKNOWNS)
+        w, n = weights[take], noise.reshape(-1, len(Term))
         return (m.T * w) @ m, (n.T * np.repeat(w, 2)) @ n, m.T @ (w * y)
 
     def minimise(
@@ -210,9 +196,9 @@ class _Problem:
         prior: Array | None = None,
     ) -> Array:  # fmt: skip
         """(9,) solution within bounds; one without them about another `prior`."""
-        free = np.ones(UNKNOWNS, dtype=bool)
-        free[AREA_2] = free_area
-        free[CASE] = self.tied is None
+        free = np.ones(len(Term), dtype=bool)
+        free[Term.AREA_2] = free_area
+        free[Term.CASE] = self.tied is None
         pull = OVERLAP * sigma**2 / self.prior_spread**2
         full = information + np.diag(pull)
         share = 1.0
@@ -230,14 +216,14 @@ class _Problem:
             found = lsq_linear(root, side, bounds=bounds, method="bvls", tol=1e-12).x
         else:
             found = np.linalg.solve(root, side)
-        theta = np.zeros(UNKNOWNS)
+        theta = np.zeros(len(Term))
         theta[free] = found / scale[free]
         return theta
 
     def solve(self, *, free_area: bool) -> _Solution:
         weights = np.ones(self.steps.y.size)
         sigma = float(np.std(self.steps.y)) * 0.05 + LEAST_RESIDUAL
-        theta = np.zeros(UNKNOWNS)
+        theta = np.zeros(len(Term))
         for k in range(ROUNDS):
             theta = self.minimise(*self.normal(theta, weights), sigma, free_area and k > 0)
             m, _, y = self.about(theta)
@@ -261,7 +247,7 @@ class _Problem:
         others = np.array([self.derive(t) for t in self.jackknife(solution, free_area, self.prior)])
         # Without bounds: about the prior, and with each of its numbers a deviation off.
         total = self.normal(solution.theta, solution.weights)
-        priors = self.prior + np.vstack([np.zeros(UNKNOWNS), np.diag(self.prior_spread)])
+        priors = self.prior + np.vstack([np.zeros(len(Term)), np.diag(self.prior_spread)])
         solved = [self.minimise(*total, solution.sigma, free_area, p) for p in priors]
         about, *shifted = np.array([self.derive(t) for t in solved])
         std = np.sqrt(jackknife_std(others) ** 2 + np.sum((np.array(shifted) - about) ** 2, axis=0))
@@ -271,25 +257,25 @@ class _Problem:
             moved = 0.5 * cross * case / max(cross + case, 1e-30)
             std[4] = np.hypot(std[4], TOLERANCES["pump.case_share"][0] * moved)
         told = np.diag(total[0])
-        flows = float(np.sqrt(told[DISPLACEMENT] / max(told[CROSS], 1e-300)))
-        std[[2, 4]] = np.hypot(std[[2, 4]], SLIP * flows * scales(self.unit)[CROSS])
+        flows = float(np.sqrt(told[Term.DISPLACEMENT] / max(told[Term.CROSS], 1e-300)))
+        std[[2, 4]] = np.hypot(std[[2, 4]], SLIP * flows * scales(self.unit)[Term.CROSS])
         estimates = [
             Estimate(float(v), float(s)).wider(f) for v, s, f in zip(value, std, _FLOORS, strict=True)
         ]
         beta = 1.0 / max(estimates[5].value, 1e-14)
         bounded = np.array([self.derive(t) for t in self.jackknife(solution, free_area)])
         # Of the rows alone, the area's change kept at zero.
-        free = [k for k in range(UNKNOWNS) if k != AREA_2]
+        free = [k for k in range(len(Term)) if k != Term.AREA_2]
         inside = total[0][np.ix_(free, free)] / (OVERLAP * max(solution.sigma, 1e-15) ** 2)
         scale = np.sqrt(np.maximum(np.diag(inside), 1e-300))
         inverse = np.linalg.pinv(inside / np.outer(scale, scale), rcond=1e-12)
-        spread_of = np.full(UNKNOWNS, np.inf)
+        spread_of = np.full(len(Term), np.inf)
         spread_of[free] = np.sqrt(np.maximum(np.diag(inverse), 0.0)) / scale
-        compression = self.steps.m[:, STIFF]
-        level = float(np.sqrt(np.mean(np.sum(self.noise[:, :, STIFF] ** 2, axis=1)))) + 1e-300
+        compression = self.steps.m[:, Term.STIFF]
+        level = float(np.sqrt(np.mean(np.sum(self.noise[:, :, Term.STIFF] ** 2, axis=1)))) + 1e-300
         theta = solution.theta.copy()
         if self.tied is not None:
-            theta[CASE] = self.tied * theta[CROSS]
+            theta[Term.CASE] = self.tied * theta[Term.CROSS]
         return BalanceFit(
             displacement=estimates[0],
             area_2=estimates[1] if free_area else None,
@@ -300,8 +286,8 @@ class _Problem:
             air_fraction=estimates[6],
             theta=theta,
             compliances=bounded[:, 5:7],
-            split_known=self.tied is None and bool(spread_of[CASE] < 0.5 * self.prior_spread[CASE]),
-            air_known=bool(spread_of[AIR] < 0.5 * self.prior_spread[AIR]),
+            split_known=self.tied is None and bool(spread_of[Term.CASE] < 0.5 * self.prior_spread[Term.CASE]),
+            air_known=bool(spread_of[Term.AIR] < 0.5 * self.prior_spread[Term.AIR]),
             rows=int(self.steps.y.size),
             signal_over_noise=float(np.std(compression)) / level,
         )

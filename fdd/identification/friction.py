@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from fdd.identification.least_squares import huber, jackknife_std
+from fdd.identification.least_squares import Estimate, huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.unit import Cylinder, Friction, FrictionBranch
 
@@ -38,29 +38,18 @@ THROUGH_GUSTS = 0.25
 """Relative standard deviation up to which friction seen through gusts replaces the base's."""
 ASYMMETRY = 2.5
 """Change of the forward to reverse ratio beyond which a weight, not friction, is at work."""
+FOUND = ("coulomb", "static", "viscous")
+"""Of a curve: N, N and N·s/m."""
 _BINS = np.geomspace(SLOWEST, 1.0, 22)
 _GROUPS = 8
 
 
 @dataclass(frozen=True)
 class BranchFit:
-    """Friction of one direction.
+    """Friction of one direction: each of `FOUND`, and how it was found; the rest stays the base's."""
 
-    `stds` holds the standard deviation of each number found; what it lacks is the base's.
-    """
-
-    branch: FrictionBranch
-    stds: dict[str, float]
+    estimates: dict[str, Estimate]
     note: str
-
-
-@dataclass(frozen=True)
-class FrictionFit:
-    """Friction per direction, None where the base's is kept."""
-
-    forward: BranchFit | None
-    reverse: BranchFit | None
-    notes: list[str]
 
 
 @dataclass(frozen=True)
@@ -95,7 +84,7 @@ def curve(branch: FrictionBranch, speed: Array) -> Array:
 
 def fit_friction(
     records: list[Record], cylinder: Cylinder, base: Friction, zero_force: float = 0.0
-) -> FrictionFit:
+) -> tuple[dict[str, BranchFit], list[str]]:
     """Identify both directions' curves.
 
     Parameters
@@ -107,17 +96,21 @@ def fit_friction(
 
     Returns
     -------
-    Curves with standard deviations, and why something was kept.
+    Curves with standard deviations by direction, forward and reverse, but for those where the base's is kept;
+    and notes: why, or how it was seen.
     """
     motion = steady_motion(records, cylinder)
     if gusty(motion, base):
         return _through_gusts(motion, base, zero_force)
     free = unloaded_motion(motion, base)
     if free is None:
-        return FrictionFit(None, None, [])
-    motion, found, notes = free
-    forward = _branch(motion, 1.0, base.forward, found[0], zero_force)
-    return FrictionFit(forward, _branch(motion, -1.0, base.reverse, found[1], zero_force), notes)
+        return {}, []
+    motion, (forward, reverse), notes = free
+    fits = {
+        "forward": _branch(motion, 1.0, base.forward, forward, zero_force),
+        "reverse": _branch(motion, -1.0, base.reverse, reverse, zero_force),
+    }
+    return {direction: fit for direction, fit in fits.items() if fit is not None}, notes
 
 
 def steady_motion(records: list[Record], cylinder: Cylinder) -> Motion:
@@ -216,7 +209,9 @@ def _without_load(motion: Motion, base: Friction) -> Motion:
     return replace(motion, force=force)
 
 
-def _through_gusts(motion: Motion, base: Friction, zero_force: float) -> FrictionFit:
+def _through_gusts(
+    motion: Motion, base: Friction, zero_force: float
+) -> tuple[dict[str, BranchFit], list[str]]:
     """Both directions' base curves times one factor: what turns with the motion, each log's load apart."""
     force = motion.direction * motion.force
     m = _with_loads(motion, motion.expected(base))
@@ -228,18 +223,16 @@ def _through_gusts(motion: Motion, base: Friction, zero_force: float) -> Frictio
     std = float(jackknife_std(parts))
     told = f"friction seen through gusts is {factor:.2g} ± {std:.1g} times the base's"
     if factor <= 0.0 or std > THROUGH_GUSTS * factor:
-        return FrictionFit(None, None, [f"{told}: not sharp enough"])
-    fits = []
-    for branch in (base.forward, base.reverse):
-        scaled = branch.model_copy(deep=True)
-        stds = {}
-        for name in ("coulomb", "static", "viscous"):
+        return {}, [f"{told}: not sharp enough"]
+    fits = {}
+    for direction, branch in (("forward", base.forward), ("reverse", base.reverse)):
+        estimates = {}
+        for name in FOUND:
             value = factor * float(getattr(branch, name))
-            setattr(scaled, name, value)
             shift = 0.0 if name == "viscous" else zero_force
-            stds[name] = float(np.hypot(max(std / factor, 0.15) * value, shift))
-        fits.append(BranchFit(scaled, stds, f"the base's curve times {factor:.2g}, through gusts"))
-    return FrictionFit(fits[0], fits[1], [f"{told}: its curves were scaled"])
+            estimates[name] = Estimate(value, float(np.hypot(max(std / factor, 0.15) * value, shift)))
+        fits[direction] = BranchFit(estimates, f"the base's curve times {factor:.2g}, through gusts")
+    return fits, [f"{told}: its curves were scaled"]
 
 
 def _branch(
@@ -262,13 +255,11 @@ def _branch(
     jack = jackknife_std(np.array(parts)) if parts else np.zeros(3)
     shift = np.array([zero_force, zero_force, 0.0])
     total = np.sqrt(jack**2 + own**2 + shift**2 + (0.02 * whole) ** 2)
-    stds = {n: float(s) for n, s in zip(("coulomb", "static", "viscous"), total, strict=True)}
-    branch = base.model_copy(deep=True)
-    branch.coulomb, branch.static, branch.viscous = (float(x) for x in whole)
+    estimates = {n: Estimate(float(x), float(s)) for n, x, s in zip(FOUND, whole, total, strict=True)}
     note = f"{force.size * WINDOW:.1f} s of unloaded motion"
     if few:
         note += ", too few speeds: the base's curve scaled"
-    return BranchFit(branch, stds, note)
+    return BranchFit(estimates, note)
 
 
 def _scaled(speed: Array, force: Array, base: FrictionBranch, centre: float) -> tuple[Array, Array]:

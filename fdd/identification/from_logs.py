@@ -14,6 +14,7 @@ from pydantic import ValidationError
 import fdd
 from fdd.diagnosis.baseline import BASELINE_VERSION, add_baseline, baseline_of, histories_of
 from fdd.errors import InputError
+from fdd.files import sha256_of
 from fdd.identification.identify import identify_unit
 from fdd.identification.judgement import Judgement, judge
 from fdd.identification.profile import Identification, TableRow
@@ -247,19 +248,13 @@ def _named(unit: Unit, name: str | None) -> Unit:
 
 
 def _digest(log: Path | Log | Samples) -> str:
-    if not isinstance(log, Path):
-        samples = log if isinstance(log, Samples) else log.samples
-        digest = hashlib.sha256(samples.time.tobytes())
-        for name in sorted(samples.channels):
-            digest.update(name.encode() + samples[name].tobytes())
-        return digest.hexdigest()
-    try:
-        with log.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except FileNotFoundError:
-        raise InputError("no such file", where=log, mend="check the path") from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", where=log) from None
+    if isinstance(log, Path):
+        return sha256_of(log)
+    samples = log if isinstance(log, Samples) else log.samples
+    digest = hashlib.sha256(samples.time.tobytes())
+    for name in sorted(samples.channels):
+        digest.update(name.encode() + samples[name].tobytes())
+    return digest.hexdigest()
 
 
 def _sha256(text: str) -> str:

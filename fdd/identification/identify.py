@@ -9,7 +9,7 @@ import numpy as np
 
 from fdd.errors import InputError
 from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance, zero_std
-from fdd.identification.friction import BranchFit, fit_friction
+from fdd.identification.friction import fit_friction
 from fdd.identification.motor import fit_torque_constant
 from fdd.identification.profile import Identification
 from fdd.identification.record import Record, even_record
@@ -102,7 +102,7 @@ def identify_unit(
     hydraulics(out, records)
     _charge(out, records)
     _friction(out, records)
-    for channel, fit in fit_sensors(list(logs), records, base).items():
+    for channel, fit in fit_sensors(list(logs), records).items():
         out.put_sensor(channel, fit)
     mismatch = gain_mismatch(records)
     if mismatch is not None and abs(mismatch) > 5e-3:
@@ -358,15 +358,11 @@ def _friction(out: Identification, records: list[Record]) -> None:
         charge = tolerance(out.base, "accumulator.charge_pressure") * tank.charge_pressure
         shift = float(np.hypot(shift, rod * charge))
     trials = unit.friction.trial_spread / np.sqrt(len(records))
-    fit = fit_friction(records, unit.cylinder, out.base.friction, shift)
-    for note in fit.notes:
-        out.notes.append(note)
+    fits, notes = fit_friction(records, unit.cylinder, out.base.friction, shift)
+    out.notes += notes
     for direction in ("forward", "reverse"):
-        branch: BranchFit | None = getattr(fit, direction)
-        if branch is None:
+        if direction not in fits:
             out.keep(f"friction.{direction}.coulomb", "no unloaded motion could be told from loads")
             continue
-        for name, std in branch.stds.items():
-            value = float(getattr(branch.branch, name))
-            found = Estimate(value, std).wider(trials)
-            out.put(f"friction.{direction}.{name}", found, branch.note)
+        for name, found in fits[direction].estimates.items():
+            out.put(f"friction.{direction}.{name}", found.wider(trials), fits[direction].note)

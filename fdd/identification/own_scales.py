@@ -12,7 +12,7 @@ from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
 from fdd.identification.judgement import BETWEEN, pressure_slip, push_of
 from fdd.identification.profile import Ratio, against_base
 from fdd.identification.record import Record
-from fdd.identification.sensors import LEAST_ZERO, SensorFit, fit_sensors
+from fdd.identification.sensors import LEAST_ZERO, fit_sensors
 from fdd.identification.signs import NEAR, UNLIKE, against_pressure, gain_ratio, slips
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
@@ -37,7 +37,7 @@ def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[
     made = difference_is_made(samples)
     fits = {
         c: f
-        for c, f in fit_sensors([samples], [record], unit).items()
+        for c, f in fit_sensors([samples], [record]).items()
         if c in PRESSURES and not (made and c == "pressure_difference")
     }
     of_sensors = _of_sensors(fits, unit, where)
@@ -103,7 +103,7 @@ def difference_is_made(samples: Samples) -> bool:
     return bool(off.size and off.max() < LEAST_ZERO)
 
 
-def _of_sensors(fits: dict[str, SensorFit], unit: Unit, where: str) -> dict[str, Ratio]:
+def _of_sensors(fits: dict[str, dict[str, float]], unit: Unit, where: str) -> dict[str, Ratio]:
     """Noise and counts of the pressures over the profile's: no fault of oil or machine changes them.
 
     Refused is one pressure whose counts are those of another unit of measure, while the others' are the
@@ -111,7 +111,7 @@ def _of_sensors(fits: dict[str, SensorFit], unit: Unit, where: str) -> dict[str,
     """
     out = {}
     for name, part, left_open in (("noise", "noise", NOISE_OPEN), ("counts", "resolution", COUNTS_OPEN)):
-        now = {c: getattr(f.sensor, part) for c, f in fits.items() if part in f.found}
+        now = {c: f[part] for c, f in fits.items() if part in f}
         then = {c: getattr(unit.sensor(c), part) for c in now}
         ratios = {c: v / then[c] for c, v in now.items() if v > 0.0 and then[c] > 0.0}
         odd = [c for c, ratio in ratios.items() if not 1.0 / NEAR < ratio < NEAR]

@@ -8,7 +8,6 @@ from math import exp, log
 import numpy as np
 
 from fdd.identification.least_squares import Estimate
-from fdd.identification.sensors import SensorFit
 from fdd.residuals.oil import modulus_at, viscosity
 from fdd.samples import CHANNELS
 from fdd.sections import Provenance, Section, si_of
@@ -83,18 +82,20 @@ class Identification:
         si, before = si_of(type(section).model_fields[name]), float(getattr(section, name))
         return section, name, TableRow(path, "1" if si is None else si.unit, before, None, None)
 
-    def put_sensor(self, channel: str, fit: SensorFit) -> None:
-        """Replace a channel's sensor; a row for each of its numbers that was found."""
+    def put_sensor(self, channel: str, fit: dict[str, float]) -> None:
+        """Put what was found into a channel's sensor; a row for each number."""
         before, unit = self.base.sensor(channel), CHANNELS[channel].unit
-        sensor = fit.sensor.model_copy(update={"source": self.source})
-        self.unit.sensors[channel] = sensor
+        # What was found stands for itself: the base's counts or current loop, or tones, are another unit's.
+        replaced = {"lines": None, "loop": None} if "resolution" in fit else {}
+        spectrum: dict[str, object] = {"bandwidth_hz": None, "tones": []} if "noise" in fit else {}
+        update = {**replaced, **spectrum, **fit, "source": self.source}
+        self.unit.sensors[channel] = before.model_copy(update=update)
         notes = {
             "noise": "white noise with the same density below 100 Hz",
             "zero": "against pressure_1 - pressure_2",
         }
-        for what in fit.found:
-            known, value = float(getattr(before, what)), float(getattr(sensor, what))
-            note = notes.get(what, "smallest step")
+        for what, value in fit.items():
+            known, note = float(getattr(before, what)), notes.get(what, "smallest step")
             self.table.append(TableRow(f"sensors.{channel}.{what}", unit, known, value, None, note))
 
 

@@ -11,7 +11,7 @@ from fdd.errors import InputError
 from fdd.logs.conversion import accumulate_speed
 from fdd.logs.quality import sample_numbers
 from fdd.residuals.hidden_pressures import chambers_from_difference
-from fdd.samples import Samples, missing_required
+from fdd.samples import PRESSURES, Samples, missing_required
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -179,17 +179,15 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     jumps = np.flatnonzero(step > limit)
     for row in jumps:
         gap[max(row - LONGEST_GAP, 0) : row + LONGEST_GAP + 2] = True
-    channels = ("pressure_difference", "pressure_1", "pressure_2")
-    measured: dict[str, Array] = {c: even(log[c]) for c in channels if c in present}
+    dp, p1, p2, accumulator = (even(log[c]) if c in present else None for c in PRESSURES)
     # With one chamber and the difference the other one follows.
-    p1, p2, dp = (measured.get(c) for c in ("pressure_1", "pressure_2", "pressure_difference"))
     if dp is not None and p1 is not None and p2 is None:
         p2 = p1 - dp
     elif dp is not None and p2 is not None and p1 is None:
         p1 = p2 + dp
-    accumulator = even(log["pressure_accumulator"]) if "pressure_accumulator" in present else None
     if p1 is None or p2 is None:
-        difference = measured["pressure_difference"]
+        assert dp is not None  # as `missing_required` has it
+        difference = dp
         smoothed = centred_mean(difference, max(round(0.025 / period), 1) | 1)
         known = np.full_like(position, np.nan) if accumulator is None else accumulator
         mean, tank = chambers_from_difference(smoothed, position, period, unit, known)

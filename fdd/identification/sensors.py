@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
@@ -11,7 +9,6 @@ from scipy.signal import welch
 from fdd.identification.least_squares import Estimate
 from fdd.identification.record import Record
 from fdd.samples import PRESSURES, Samples
-from fdd.unit import Sensor, Unit
 
 Array = NDArray[np.float64]
 
@@ -29,14 +26,6 @@ segment's band power scatters by 17 %, and the lower half of a normal distributi
 LEAST_STEPS = 50
 LEAST_ZERO = 1.0
 """Pa; less means that the difference was computed from the chambers."""
-
-
-@dataclass(frozen=True)
-class SensorFit:
-    """A channel's sensor and what was found about it."""
-
-    sensor: Sensor
-    found: tuple[str, ...]
 
 
 def effective_noise(values: Array, period: float) -> float | None:
@@ -121,43 +110,37 @@ def _redundant(records: list[Record]) -> list[Record]:
     return [r for r in records if r.has_difference and r.chambers_measured]
 
 
-def fit_sensors(logs: list[Samples], records: list[Record], base: Unit) -> dict[str, SensorFit]:
+def fit_sensors(logs: list[Samples], records: list[Record]) -> dict[str, dict[str, float]]:
     """Noise of pressures and position, resolutions, and the zero of the differential sensor.
 
     Parameters
     ----------
     logs : as recorded, for the resolutions. records : the same logs made even.
-    base : what is not found stays as its sensors have it.
 
     Returns
     -------
-    channel to its sensor, for the channels of which something was found.
+    channel to what was found of its sensor: noise, resolution and zero, SI.
     """
-    fits: dict[str, SensorFit] = {}
+    fits: dict[str, dict[str, float]] = {}
     for channel in (*PRESSURES, "position", "pump_angle", "pump_speed"):
         # NaN are dropped, not bridged: a bridge is free of noise.
         columns = [log[channel][np.isfinite(log[channel])] for log in logs if channel in log]
         pump = channel.startswith("pump")
         noise = None if pump else _lowest([effective_noise(c, records[0].period) for c in columns])
         step = _lowest([resolution(c) for c in columns])
-        update: dict[str, object] = {}
-        if step is not None:
-            # The step found stands for itself: the base's counts or current loop are another unit's.
-            update |= {"resolution": step, "lines": None, "loop": None}
+        fit = fits[channel] = {}
         if noise is not None:
             # Rounding adds its own noise to the measured density; the profile lists it apart.
             rounding = (step or 0.0) / np.sqrt(12.0)
             left = float(np.sqrt(max(noise**2 - rounding**2, 0.0)))
             if channel != "position" or left > rounding:
-                update |= {"noise": float(f"{left:.4g}"), "bandwidth_hz": None, "tones": []}
-        found = tuple(k for k in ("noise", "resolution") if k in update)
-        fits[channel] = SensorFit(base.sensor(channel).model_copy(update=update), found)
+                fit["noise"] = float(f"{left:.4g}")
+        if step is not None:
+            fit["resolution"] = step
     offset = redundancy_offset(records)
     if offset is not None and abs(offset.value) > LEAST_ZERO:
-        known = fits["pressure_difference"]
-        sensor = known.sensor.model_copy(update={"zero": offset.value})
-        fits["pressure_difference"] = SensorFit(sensor, (*known.found, "zero"))
-    return {c: f for c, f in fits.items() if f.found}
+        fits["pressure_difference"]["zero"] = offset.value
+    return {c: f for c, f in fits.items() if f}
 
 
 def _lowest(values: list[float | None]) -> float | None:

@@ -21,6 +21,7 @@ the base's values.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
@@ -34,9 +35,6 @@ from fdd.residuals.quantities import PILOT, outlet_loss
 from fdd.unit import Oil, Unit
 
 Array = NDArray[np.float64]
-
-DISPLACEMENT, AREA_2, CROSS, CASE, INLET, DRIFT_1, DRIFT_2, STIFF, AIR = range(9)
-UNKNOWNS = 9
 
 SMOOTHING = 0.025
 """s, window over which every accumulated term is averaged."""
@@ -57,8 +55,23 @@ AIR_SCALE = 3e-3
 DRIFT_PRESSURE = 1e5
 """Pa that a chamber's steady loss is counted at."""
 LEAKAGE_FLOOR = 1e-12
+"""m³/(s·Pa), that leakages are counted in where the base has none."""
 BLOCK = 2.0
 """s: residuals farther apart than this count as independent."""
+
+
+class Term(IntEnum):
+    """The regression's unknowns, as they stand in θ."""
+
+    DISPLACEMENT = 0  # D
+    AREA_2 = 1  # its change
+    CROSS = 2  # ξ
+    CASE = 3  # C_ep
+    INLET = 4  # κ·D
+    DRIFT_1 = 5  # leakage at `DRIFT_PRESSURE` out of chamber 1
+    DRIFT_2 = 6
+    STIFF = 7  # compliance of the oil without air, beyond its bound
+    AIR = 8  # α
 
 
 @dataclass(frozen=True)
@@ -92,18 +105,9 @@ class VolumeSteps:
         return VolumeSteps(**joined, block=np.concatenate(blocks))
 
 
-def leakage_scale(unit: Unit) -> float:
-    """Leakage that its unknowns are counted in: the base's, where it has any (m³/(s·Pa))."""
-    return max(unit.pump.total_leakage, LEAKAGE_FLOOR)
-
-
 def scales(unit: Unit) -> Array:
-    """(9,) what one unit of each unknown is, SI.
-
-    They are D; the change of area 2; ξ; C_ep; κ·D; leakage at `DRIFT_PRESSURE` out of chamber 1 and of 2; the
-    stiff compliance beyond its bound; α.
-    """
-    leakage = leakage_scale(unit)
+    """(9,) what one unit of each `Term` is, SI."""
+    leakage = max(unit.pump.total_leakage, LEAKAGE_FLOOR)
     displacement, drift = unit.pump.displacement, leakage * DRIFT_PRESSURE
     return np.array([
         displacement, unit.cylinder.area_2, leakage, leakage, displacement, drift, drift,
@@ -226,9 +230,9 @@ def _differences(
     turning = (np.abs(moved[:, 1]) > 5e-4) | (np.abs(moved[:, 0]) > 1e-9)
     kept = (bad[starts + n + rim] == bad[starts - rim]) & turning
     starts, moved = starts[kept], moved[kept]
-    noise = np.zeros((starts.size, 2, UNKNOWNS))
-    noise[:, 0, STIFF:] = slopes[starts]
-    noise[:, 1, STIFF:] = slopes[starts + n]
+    noise = np.zeros((starts.size, 2, len(Term)))
+    noise[:, 0, Term.STIFF :] = slopes[starts]
+    noise[:, 1, Term.STIFF :] = slopes[starts + n]
     block = (starts * record.period / BLOCK).astype(np.int64)
     return moved[:, 1:-1], moved[:, 0] - moved[:, -1], noise, np.full(starts.size, chamber), block
 

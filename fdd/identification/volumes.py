@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.identification.balance import OVERLAP, Estimate, fit_theta
-from fdd.identification.volume_steps import STIFF, UNKNOWNS, LogBalances
+from fdd.identification.volume_steps import LogBalances, Term
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -81,23 +81,23 @@ def fit_volumes(logs: LogBalances, base: Unit) -> VolumeFit | None:
         theta, sigma = fit_theta(logs, steps, base)
         wider = logs.steps(_with_volumes(base, gain * (1.0 + STEP), split)).m
         # At equal compliance in mid-stroke: only what changes with position is the gain's.
-        wider[:, STIFF:] *= 1.0 + STEP
+        wider[:, Term.STIFF :] *= 1.0 + STEP
         other = logs.steps(_with_volumes(base, gain, split + STEP)).m
         slopes = ((wider - steps.m) @ theta) / (STEP * gain), ((other - steps.m) @ theta) / STEP
         columns = np.column_stack([steps.m, *slopes])
         residual = steps.y - steps.m @ theta
         weights = 1.0 / (1.0 + (residual / (2.0 * sigma)) ** 2)
         unit = OVERLAP * sigma**2
-        pull = np.concatenate([np.full(UNKNOWNS, 1e-6), [1.0 / PRIOR_GAIN**2, 1.0 / PRIOR_SPLIT**2]]) * unit
-        away = np.concatenate([np.zeros(UNKNOWNS), [1.0 - gain, -split]])
+        pull = np.concatenate([np.full(len(Term), 1e-6), [1.0 / PRIOR_GAIN**2, 1.0 / PRIOR_SPLIT**2]]) * unit
+        away = np.concatenate([np.zeros(len(Term)), [1.0 - gain, -split]])
         normal = (columns.T * weights) @ columns + np.diag(pull)
         right = columns.T @ (weights * residual) + pull * away
         scale = np.sqrt(np.diag(normal))
         inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10)
         change = (inverse @ (right / scale)) / scale
-        std = (np.sqrt(np.maximum(np.diag(inverse), 0.0) * unit) / scale)[UNKNOWNS:]
-        gain = float(np.clip(gain + change[UNKNOWNS], *GAIN_LIMITS))
-        split = float(np.clip(split + change[UNKNOWNS + 1], -SPLIT_LIMIT, SPLIT_LIMIT))
+        std = (np.sqrt(np.maximum(np.diag(inverse), 0.0) * unit) / scale)[-2:]
+        gain = float(np.clip(gain + change[-2], *GAIN_LIMITS))
+        split = float(np.clip(split + change[-1], -SPLIT_LIMIT, SPLIT_LIMIT))
     inside = GAIN_LIMITS[0] < gain < GAIN_LIMITS[1] and abs(split) < SPLIT_LIMIT
     if std[0] > TELLING or not inside:  # at a limit: something else than volume bends the balance
         return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property, lru_cache
@@ -16,6 +15,7 @@ from fdd.diagnosis.findings import Diagnosis, Quality, Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
+from fdd.files import sha256_of
 from fdd.identification.log_scales import check_scales
 from fdd.logs import ChannelMap, DataQuality, Log
 from fdd.progress import Advance
@@ -309,17 +309,3 @@ def utc(ns: int) -> str:
     seconds, rest = divmod(ns, 1_000_000_000)
     fraction = f".{rest:09d}".rstrip("0").rstrip(".")
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}{fraction}Z"
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal.
-
-    Raises
-    ------
-    InputError : it cannot be read.
-    """
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", where=path) from None

@@ -194,18 +194,18 @@ def test_changed_labels_or_recipe_are_noticed(copy: Path, name: str) -> None:
     with pytest.raises(InputError, match="SHA-256"):
         Dataset.load(copy)
     (copy / name).unlink()
-    with pytest.raises(InputError, match=f"{name}: is missing"):
+    with pytest.raises(InputError, match=f"{name}: no such part of a data set"):
         Dataset.load(copy)
 
 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", "not JSON"),
-        ("[]", "version None"),
+        ("", "Invalid JSON"),
+        ("[]", "should be an object"),
         ('{"schema": "fdd.dataset/9"}', r"fdd\.dataset/9"),
         ('{"schema": "fdd.dataset/1"}', "Field required"),
-        ("[" * 100_000, "not JSON"),
+        ("[" * 100_000, "Invalid JSON"),
     ],
 )
 def test_a_damaged_manifest_is_refused(copy: Path, text: str, told: str) -> None:

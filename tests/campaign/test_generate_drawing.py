@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdd.campaign.calibration import _throttle_for, calibration_runs
-from fdd.campaign.drawing import VARIED, assign_faults, draw_scenario, draw_unit, stream
+from fdd.campaign.drawing import assign_faults, draw_scenario, draw_unit, stream
 from fdd.campaign.motion import fitting_duty
+from fdd.campaign.population import BETWEEN_UNITS
 from fdd.campaign.recipe import DRAWN_DUTIES, Recipe
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
@@ -64,7 +65,7 @@ def test_every_varied_parameter_stays_in_its_band_and_fills_it() -> None:
         base = Unit.load(rig.base)
         assert rig.base == recipe.bases[index % 2]
         assert rig.unit.cylinder.area_1 == rig.unit.cylinder.area_2
-        for part, names in VARIED.items():
+        for part, names in BETWEEN_UNITS.items():
             for name in names:
                 ratio = getattr(getattr(rig.unit, part), name) / getattr(getattr(base, part), name)
                 ratios.setdefault(f"{part}.{name}", []).append(ratio)

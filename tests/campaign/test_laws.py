@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from test_generate import contents, small
-from test_train_validate import drawn, finding, label, outcome
+from test_train_validate import cells, drawn, finding, label, outcome
 
 from fdd.campaign.card import card
 from fdd.campaign.dataset import Dataset, Label
@@ -45,14 +45,9 @@ OUTCOMES = [
 ]
 
 
-def rows_of(model: Model) -> list[list[str]]:
-    lines = by_law(OUTCOMES, model)
-    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line][2:]
-
-
 def test_laws_are_counted_by_whether_the_training_had_them() -> None:
     one, none = "1.00 (0.21 to 1.00) of 1", "0.00 (0.00 to 0.79) of 1"
-    assert rows_of(Model.load()) == [
+    assert cells(by_law(OUTCOMES, Model.load())) == [
         [HAD, "", "", one, one, one],
         [NEVER, "", "", "0.75 (0.30 to 0.95) of 4", "0.25 (0.05 to 0.70) of 4", "0.50 (0.15 to 0.85) of 4"],
         [UNSIGNED, "", "", none, none, none],
@@ -63,7 +58,9 @@ def test_laws_are_counted_by_whether_the_training_had_them() -> None:
         ["relief valve stuck shut", "shut", UNSIGNED, none, none, none],
     ]  # fmt: skip
     taught = Model.load().model_copy(update={"laws": {LEAK: ["opening"]}})
-    assert [row[2] for row in rows_of(taught)[3:6]] == [HAD, HAD, NEVER], "signatures have the first anyway"
+    assert [row[2] for row in cells(by_law(OUTCOMES, taught))[3:6]] == [HAD, HAD, NEVER], (
+        "signatures have the first anyway"
+    )
     assert "law it never saw" in summary(OUTCOMES) and "law it never saw" in summary(OUTCOMES, taught)
     plain = [outcome([label(LEAK)], [finding(LEAK)])]
     assert not by_law(plain, taught), "data of before the laws"

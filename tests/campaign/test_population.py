@@ -9,7 +9,7 @@ import pytest
 
 from fdd.campaign import population
 from fdd.campaign.drawing import as_it_runs, draw_scenario, draw_unit, stream
-from fdd.campaign.population import BETWEEN_UNITS, FRICTION, WANDER, charge_factor, with_its_air
+from fdd.campaign.population import BETWEEN_UNITS, FRICTION, OIL_VOLUME, WANDER, charge_factor, with_its_air
 from fdd.campaign.recipe import Recipe
 from fdd.plant import conditions as c
 from fdd.plant.oil import stiff_bulk_modulus
@@ -37,7 +37,7 @@ def test_units_differ_by_what_is_stated() -> None:
     units = [draw_unit(STATED, stream(STATED, "unit", k), k).unit for k in range(number)]
     base, error = Unit.load("axis_a"), 4.0 / math.sqrt(2.0 * number)
     assert units[7] == draw_unit(STATED, stream(STATED, "unit", 7), 7).unit
-    for section, spreads in BETWEEN_UNITS.items():
+    for section, spreads in (*BETWEEN_UNITS.items(), ("accumulator", OIL_VOLUME)):
         for name, spread in spreads.items():
             if name == "bulk_modulus":
                 continue  # of the stiff part alone; below

@@ -92,7 +92,7 @@ def test_an_accumulator_outlasts_the_temperatures_of_its_recipe() -> None:
     sized = 0
     for index in range(recipe.units):
         rig = draw_unit(recipe, stream(recipe, "unit", index), index)
-        if rig.scale is None:
+        if rig.scale.unit is None:
             continue
         sized += 1
         cylinder, store, oil = rig.unit.cylinder, rig.unit.accumulator, rig.unit.oil
@@ -115,7 +115,7 @@ def test_details_and_figures_go_with_what_they_are_made_of() -> None:
             "refeed_cracking_pressure": 3.0 * store.refeed_cracking_pressure,
         }),
     })  # fmt: skip
-    scale, plain = Scale.of(larger), Details()
+    scale, plain = Scale(larger), Details()
     details, figures = Details(**scale.details({})), scale.fault_scales({})
     assert details.gallery_volume == pytest.approx(2.0 * plain.gallery_volume)
     assert details.check_hysteresis == pytest.approx(3.0 * plain.check_hysteresis)
@@ -142,7 +142,7 @@ def test_severity_one_leaks_five_percent_of_the_rated_flow_at_half_the_rated_pre
     The other laws pass at the leakage pressure, 29 % of the relief setting, what a laminar gap does.
     """
     unit = sized_unit(Size(), np.random.default_rng(5))
-    scale = Scale.of(unit)
+    scale = Scale(unit)
     figures = FaultScales(**scale.fault_scales({"internal_leakage_orifice_share": share}))
     half = 0.5 * unit.accumulator.relief_pressure / RELIEF
     run = simulate(unit, Scenario(
@@ -170,7 +170,7 @@ def test_severity_one_leaks_five_percent_of_the_rated_flow_at_half_the_rated_pre
 
 
 def test_the_axis_is_of_its_own_size() -> None:
-    scale = Scale.of(Unit.load("axis_a"))
+    scale = Scale(Unit.load("axis_a"))
     assert scale.force == scale.velocity == scale.leakage == scale.position_gain == 1.0
     assert scale.details({}) == Details().model_dump()
     ranges = {"level": (-2500.0, 2500.0)}

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_generate import contents, small
-from test_train_validate import finding, label, outcome
+from test_train_validate import cells, finding, label, outcome
 
 from fdd.campaign import generate as generate_module
 from fdd.campaign.card import card
@@ -259,12 +259,9 @@ def test_classes_of_visibility(found: dict[str, ChannelVisibility], told: str, v
 def test_the_card_counts_visible_logs(made: Dataset) -> None:
     text = card(made)
     assert "`unit_NNN/twin_NNN.parquet`" in text
-    lines = text[text.index("## Visibility") : text.index("## Units")].splitlines()
-    rows = {
-        line.split(" | ")[0].strip("| "): line.strip("| ").split(" | ")[1:] for line in lines if "|" in line
-    }
-    assert set(rows) - {"fault", "---"} == set(SIMULATED)
-    for name, (seen, median, *counts) in ((n, r) for n, r in rows.items() if n in SIMULATED):
+    rows = cells(text[text.index("## Visibility") : text.index("## Units")].splitlines())
+    assert {name for name, *_ in rows} == set(SIMULATED)
+    for name, seen, median, *counts in rows:
         mine = [e for e in made.logs if e.faults[0].fault == name]
         assert seen == f"{sum(bool(e.visible) for e in mine)} of {len(mine)}"
         assert float(median) == pytest.approx(np.median([e.largest_rms for e in mine]), rel=5e-3)
@@ -287,8 +284,7 @@ def test_what_is_found_goes_by_what_could_be_seen() -> None:
         seen(outcome([label(leak), label(air)], [finding(leak)]), 2.0),
         outcome([], []),
     ]
-    rows = [[c.strip() for c in line.split("|")[1:-1]] for line in by_visibility(outcomes) if line][2:]
-    assert rows == [
+    assert cells(by_visibility(outcomes)) == [
         ["all", "below 1", "0.00 (0.00 to 0.79) of 1", "0.00 (0.00 to 0.79) of 1"],
         ["all", "1 to 3", "1.00 (0.34 to 1.00) of 2", "0.50 (0.09 to 0.91) of 2"],
         ["all", "above 10", "1.00 (0.44 to 1.00) of 3", "0.67 (0.21 to 0.94) of 3"],

@@ -7,7 +7,7 @@ import io
 
 import numpy as np
 import pytest
-from test_train_validate import finding, label, outcome
+from test_train_validate import cells, finding, label, outcome
 
 from fdd.campaign import train
 from fdd.campaign.scores import Outcome
@@ -108,8 +108,7 @@ def test_the_summary_counts_what_was_found_and_what_was_answered() -> None:
         with_errors(outcome([label(leak)], []), (float("nan"), 0.0)),
         with_errors(outcome([label(air)], [finding(air, 5.0)]), (0.05, 0.5)),  # before anything was wrong
     ])  # fmt: skip
-    rows = {line.split("|")[1].strip(): [c.strip() for c in line.split("|")[2:-1]]
-            for line in text.splitlines() if line.startswith("|")}  # fmt: skip
+    rows = {name: row for name, *row in cells(text.splitlines())}
     assert rows["internal leakage"][:2] == ["3", "2"]
     assert set(rows["internal leakage"][2].split(", ")) == {"internal leakage 1", "pump wear 1"}
     assert rows["internal leakage"][3] == "2.8 s", "the median of 2.5 and 3 s"

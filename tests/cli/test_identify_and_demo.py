@@ -1,9 +1,8 @@
-"""Identification, the demo, and the campaign's commands, end to end."""
+"""Identification, experiments and the demo, end to end."""
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import math
 import re
@@ -12,17 +11,14 @@ import sys
 from importlib import resources
 from pathlib import Path
 
+import pandas as pd
 import pytest
-from rich.console import Console
 
-from fdd.campaign.scores import wilson
-from fdd.campaign.train import ScoredLog
-from fdd.cli.campaign import confusion_table
 from fdd.diagnosis.baseline import BASELINE_VERSION
+from fdd.logs import read_log
 from fdd.residuals.balances import BALANCES
 from fdd.unit import Unit
 
-ROOT = Path(__file__).parents[2]
 STROKES = "constant_speed:amplitude=0.08,speeds=60/105,turn=5,dwell=0.3"
 
 
@@ -111,6 +107,33 @@ def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, mad
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("kind", ["frequency-response", "friction", "leakage", "gain", "bulk-modulus"])
+def test_each_kind_tells_and_says_what_it_does_not(run, healthy_strokes, tmp_path, kind) -> None:
+    page, data = tmp_path / "page.html", tmp_path / "data.json"
+    result = run("experiment", kind, healthy_strokes, "--html", page, "--json", data)
+    assert result.exit_code == 0, result.stderr
+    found = json.loads(data.read_text())
+    assert found["schema"] == "fdd.experiment/1" and found["experiment"] == kind
+    assert found["logs"] == ["strokes.mcap"] and found["unit"] == "axis_a"
+    for told in found["told"]:
+        low, high = told["interval"]
+        assert low <= told["value"] <= high and told["quantity"] in page.read_text()
+    assert found["told"] or found["not_told"]
+    # 80 columns cut neither numbers nor names.
+    cells = [cell for row in found["table"] for cell in row.values()]
+    assert all(word in result.stdout for cell in cells for word in cell.split())
+    assert ("Not told" in result.stdout) == bool(found["not_told"])
+
+
+def test_a_log_without_command_is_refused_in_one_line(run, one_line, healthy_strokes, tmp_path) -> None:
+    log = read_log(healthy_strokes).samples
+    columns = {c: log[c] for c in ("position", "pump_angle", "pressure_difference")}
+    pd.DataFrame({"time": log.time, **columns}).to_csv(tmp_path / "bare.csv", index=False)
+    one_line(
+        run("experiment", "frequency-response", tmp_path / "bare.csv", "--input", "command"), "no command"
+    )
+
+
 def test_the_shipped_demo_is_of_this_version_and_small() -> None:
     folder = resources.files("fdd") / "demo"
     unit = Unit.from_yaml((folder / "unit.yaml").read_text(encoding="utf-8"))
@@ -138,30 +161,3 @@ def test_the_demo_finds_the_leak_and_names_the_command_as_it_was_called(
     assert words[:2] == [".venv/bin/fdd", "diagnose"] and all(Path(words[k]).is_file() for k in (2, 4))
     one_line(run("demo", "-o", tmp_path / "no" / "r.html"), "cannot be written")
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
-
-
-def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
-    command = ("generate", ROOT / "datasets" / "smoke.yaml", "-o", tmp_path / "set", "--engine")
-    one_line(run(*command, "cloud"), "cloud")
-    monkeypatch.setitem(sys.modules, "ray", None)
-    one_line(run(*command, "ray"), "install fdd[ray]")
-
-
-def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> None:
-    (tmp_path / "set").mkdir()
-    one_line(run("train", tmp_path / "set", "-o", tmp_path / "model"), str(tmp_path / "set"))
-    one_line(run("train", tmp_path / "none", "-o", tmp_path / "model"), "none")
-    assert not (tmp_path / "model").exists()
-
-
-def test_confusion_table_fits_80_columns() -> None:
-    families = ("", "aeration", "check_valve", "friction", "leakage", "motor", "seal_wear", "sensor")
-    answers = [("check_valve", name) for name in families]
-    answers += [("healthy", ""), ("healthy", ""), ("healthy", "leakage")]
-    logs = [ScoredLog("u1", "", family, answer, 1.0, 1.0, 10.0) for family, answer in answers]
-    screen = io.StringIO()
-    Console(width=80, file=screen).print(confusion_table(logs))
-    shown = " ".join(screen.getvalue().split())
-    assert f"healthy healthy 2, leakage 1 {wilson(2, 3)}" in shown
-    assert wilson(1, 8) in shown and "…" not in shown
-    assert shown.count(" 1,") + shown.count(" 1 ") >= len(families)

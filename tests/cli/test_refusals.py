@@ -147,18 +147,6 @@ def test_an_interrupted_command_ends_quietly(run, monkeypatch, logs, tiny_model_
     assert "Traceback" not in result.stderr and len(result.stderr.splitlines()) <= 1
 
 
-def test_help_imports_nothing_heavy() -> None:
-    code = (
-        "import sys; from fdd.cli import main\n"
-        "try: main()\n"
-        "finally: print([m for m in ('numpy', 'numba', 'pandas', 'scipy', 'sklearn', 'yaml', "
-        "'pyarrow', 'mcap', 'fdd.unit') if m in sys.modules], file=sys.stderr)"
-    )
-    for arguments in (["--help"], ["diagnose", "--help"], ["--version"]):
-        done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
-        assert done.returncode == 0 and done.stderr.splitlines()[-1] == "[]"
-
-
 def test_a_reader_that_goes_away_is_no_error(logs, tiny_model_file) -> None:
     read, write = os.pipe()
     os.close(read)

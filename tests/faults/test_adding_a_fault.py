@@ -29,7 +29,7 @@ from fdd.campaign.recipe import Recipe
 assert Recipe.load("datasets/wide.yaml").faults["{NEW}"].weight == 0.3
 
 from fdd.campaign.sizes import Scale, Size, sized_unit
-larger = Scale.of(sized_unit(Size(), np.random.default_rng(1))).fault_scales({{}})
+larger = Scale(sized_unit(Size(), np.random.default_rng(1))).fault_scales({{}})
 assert np.isclose(larger["bypass_valve_flow"], 0.5 * larger["relief_valve_flow"], rtol=1e-12)
 
 from fdd.plant import conditions as c

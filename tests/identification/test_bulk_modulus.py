@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from healthy_units import calibration_logs, random_unit
+from made_units import calibration_logs, random_unit
 
 from fdd.identification.experiments.bulk_modulus import bulk_modulus
 from fdd.identification.experiments.outcome import Outcome

@@ -1,22 +1,29 @@
-"""The door of the identification: the command line's profile, from files or from samples."""
+"""The door of the identification: the command line's profile, from files or from samples; more logs narrow a
+profile as if it had been made of all of them."""
 
 from __future__ import annotations
 
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from made_units import spread_unit, work
 from typer.testing import CliRunner
 
-from fdd import InputError, Scenario, Unit, identify, read_log, simulate
+from fdd import InputError, Samples, Scenario, Unit, identify, read_log
 from fdd.cli.app import app
+from fdd.diagnosis.baseline import add_baseline
+from fdd.identification import identify_unit
+from fdd.identification.from_logs import add_logs
 from fdd.plant.to_file import write_simulation
 
 STROKES = {"name": "constant_speed", "amplitude": 0.08, "speeds": (60.0, 105.0), "turn": 5.0, "dwell": 0.3}
 SCENARIO = Scenario(
     duration=21, duty=STROKES, control={"mode": "speed"}, load={"name": "throttle", "pressure": 1.5e6}, seed=6
 )
+PLAN = (("strokes", "constant"), ("steps", "spring"), ("flight", "gust"), ("steps", "constant"))
 
 
 @pytest.fixture(scope="module")
@@ -53,15 +60,12 @@ def test_samples_and_logs_serve_as_well(log: Path) -> None:
     assert list(from_log.origin.logs.values()) == ["one.mcap"]
 
 
-def test_what_cannot_be_used_is_refused_in_one_line(log: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_used_is_refused_in_one_line(log: Path) -> None:
+    """Beside what the command refuses, by the same function (`tests/cli/test_identify_and_demo.py`)."""
     samples = read_log(log).samples
     for logs, more, words in (
         ([], {}, "no healthy log"),
-        (tmp_path / "none.mcap", {}, "none.mcap"),
-        (log, {"base": "axis_z"}, "axis_z"),
-        (log, {"name": "a/b"}, "a/b"),
         ([samples, samples], {}, "give each log once"),
-        ([log, log], {}, "give each log once"),
         (log, {"add": "axis_a"}, "no healthy baseline"),
         (samples.with_columns({"pump_angle": -samples["pump_angle"]}), {}, "log 1"),
     ):  # fmt: skip
@@ -70,7 +74,46 @@ def test_what_cannot_be_used_is_refused_in_one_line(log: Path, tmp_path: Path) -
         assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_a_unit_may_be_named_where_it_is_simulated() -> None:
-    short = Scenario(duration=0.2, seed=3)
-    one, two = simulate("axis_b", short), simulate(Unit.load("axis_b"), short)
-    assert (one.samples["position"] == two.samples["position"]).all() and one.unit.name == "axis_b"
+@pytest.fixture(scope="module")
+def logs() -> list[Samples]:
+    unit = spread_unit(4)
+    return [work(unit, 60 + k, duty=duty, load=load) for k, (duty, load) in enumerate(PLAN)]
+
+
+@pytest.fixture(scope="module")
+def profile(logs: list[Samples]) -> Unit:
+    return add_baseline(identify_unit(logs[:2], Unit.load("axis_a")).unit, logs[:2])
+
+
+def test_added_logs_count_as_if_all_had_been_there(
+    logs: list[Samples], profile: Unit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Coefficients within half of their standard deviation, these within 5 %, of the sums of all logs.
+
+    What the unit's logs differ by stays as the first ones told it (`moderation`): here as any unit's do.
+    """
+    monkeypatch.setattr("fdd.diagnosis.baseline.moderation", lambda name, logs, e: np.ones(len(e.mean)))
+    profile = add_baseline(profile, logs[:2])
+    found, added = add_logs(logs[2:], profile)
+    together = add_baseline(profile, logs)
+    assert added.baseline is not None and together.baseline is not None and profile.baseline is not None
+    assert added.baseline.seconds == pytest.approx(together.baseline.seconds)
+    assert set(added.baseline.balances) == set(together.baseline.balances)
+    for name, one in added.baseline.balances.items():
+        other, before = together.baseline.balances[name], profile.baseline.balances[name]
+        std, std_all = (np.sqrt(np.diag(np.array(b.covariance))) for b in (one, other))
+        assert np.all(np.abs(np.array(one.mean) - other.mean) < 0.5 * std_all), name
+        np.testing.assert_allclose(std, std_all, rtol=0.05)
+        assert np.all(std <= np.sqrt(np.diag(np.array(before.covariance))) * (1.0 + 1e-6))
+        assert one.noise == pytest.approx(other.noise, rel=0.25)
+    assert {row.quantity for row in found.balances} >= {"leakage", "travel per rad of the pump"}
+    assert added.pump == profile.pump and added.cylinder == profile.cylinder
+
+
+def test_a_profile_without_its_balances_takes_no_logs(logs: list[Samples], profile: Unit) -> None:
+    bare = profile.model_copy(update={"baseline": None})
+    assert profile.baseline is not None
+    older = profile.model_copy(update={"baseline": profile.baseline.model_copy(update={"version": "5"})})
+    for unit in (bare, older):
+        with pytest.raises(InputError, match="no healthy baseline of this version"):
+            add_logs(logs[2:3], unit)

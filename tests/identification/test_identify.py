@@ -6,12 +6,12 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
-from healthy_units import TEMPERATURE, Case, calibration_logs, random_unit
-from spread_units import only
+from made_units import TEMPERATURE, Case, calibration_logs, only, random_unit
 
 from fdd.errors import InputError
-from fdd.identification import Identification, identify_unit
+from fdd.identification import identify_unit
 from fdd.identification.friction import curve
+from fdd.identification.profile import Identification
 from fdd.plant import oil as plant_oil
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spread_units import only, scaled
+from made_units import only, scaled
 
 import fdd
 from fdd import InputError, Samples, Unit, read_log

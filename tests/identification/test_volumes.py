@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 import yaml
-from healthy_units import calibration_logs, random_unit
-from spread_units import only
+from made_units import calibration_logs, only, random_unit
 
 from fdd.errors import InputError
-from fdd.identification import Identification, identify_unit
+from fdd.identification import identify_unit
 from fdd.identification.balance import Estimate
+from fdd.identification.profile import Identification
 from fdd.identification.volumes import VolumeFit
 from fdd.plant import oil as plant_oil
 from fdd.samples import Samples

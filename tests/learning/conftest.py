@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fdd.campaign.dataset import Dataset
-from fdd.campaign.feature_table import table_of, write_features
 from fdd.campaign.generate import generate
+from fdd.campaign.loading import table_of, write_features
 from fdd.campaign.recipe import Recipe
 from fdd.learning.features import FEATURES
 

@@ -16,8 +16,8 @@ from pyarrow import parquet
 
 from fdd import load_dataset
 from fdd.campaign.dataset import Dataset, split_of
-from fdd.campaign.feature_table import TOLD, read_features
 from fdd.campaign.generate import generate
+from fdd.campaign.loading import TOLD, read_features
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.learning.features import FEATURES

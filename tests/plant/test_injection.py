@@ -76,7 +76,7 @@ def test_a_leak_passes_the_same_flow_at_the_leakage_pressure_by_whatever_law(fau
     """Of axis A and of machines of other sizes."""
     scales = {}
     if machine:
-        scales = Scale.of(sized_unit(Size(), np.random.default_rng(machine))).fault_scales({})
+        scales = Scale(sized_unit(Size(), np.random.default_rng(machine))).fault_scales({})
     pressure = FaultScales(**scales).leakage_pressure
     flows = []
     for law in CATALOGUE[fault].laws:

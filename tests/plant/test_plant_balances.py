@@ -114,7 +114,7 @@ def test_energy_is_kept_by_other_laws(law):
 def test_energy_is_kept_in_machines_of_other_sizes(size, details, through):
     """A small one, and a large one with unequal areas, under loads of their size."""
     unit = sized_unit(Size(**size), np.random.default_rng(4))
-    scale = Scale.of(unit)
+    scale = Scale(unit)
     whole = Details(**{**scale.details({}), **details})
     load = {"name": "throttle", "pressure": 2e6 * scale.pressure}
     duty = {"name": "prbs", "bit": 0.2, "speed": 0.35 * unit.drive.max_speed, "lead_in": 0.05}

@@ -16,15 +16,7 @@ from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hy
 from fdd.identification.least_squares import jackknife_std
 from fdd.identification.profile import Identification
 from fdd.identification.record import Record
-from fdd.identification.volume_steps import (
-    AIR,
-    AIR_SCALE,
-    REFEED_MARGIN,
-    SMOOTHING,
-    STEPS,
-    STIFF,
-    scales,
-)
+from fdd.identification.volume_steps import REFEED_MARGIN, SMOOTHING, STEPS, Term, scales
 from fdd.identification.volumes import VOLUME_SPREAD
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
@@ -122,14 +114,14 @@ def _steps(found: Hydraulics) -> tuple[Array, Array, Array]:
     compressed (m³), and at what pressure (Pa), (n,) each."""
     steps, unit = found.steps, found.base
     known = found.fit.theta.copy()
-    known[[STIFF, AIR]] = 0.0
+    known[[Term.STIFF, Term.AIR]] = 0.0
     scale, index = scales(unit), unit.oil.polytropic_index
-    raised = -steps.m[:, STIFF] / scale[STIFF]
+    raised = -steps.m[:, Term.STIFF] / scale[Term.STIFF]
     bound = 0.5 * float(air_compliance(found.logs.pressure, index))
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = -steps.m[:, AIR] / AIR_SCALE / raised - bound
+        mean = -steps.m[:, Term.AIR] / scale[Term.AIR] / raised - bound
     pressure = pressure_of_compliance(mean, index)
-    noise = np.sqrt(np.sum((steps.noise[:, :, STIFF] / scale[STIFF]) ** 2, axis=1))
+    noise = np.sqrt(np.sum((steps.noise[:, :, Term.STIFF] / scale[Term.STIFF]) ** 2, axis=1))
     noise *= np.where(steps.chamber == 1, *found.logs.noise)
     clear = np.isfinite(pressure) & (np.abs(raised) > CLEAR * noise)
     return raised[clear], (steps.m @ known - steps.y)[clear], pressure[clear]

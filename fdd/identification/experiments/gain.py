@@ -1,8 +1,6 @@
-"""Pump-to-piston gain beside slip, dead band and lost motion (thesis 5.1, Table 6.1)."""
+"""Pump-to-piston gain beside slip and dead band (thesis 5.1, Table 6.1)."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +37,6 @@ MODEL = 5e-4
 LEAST_WINDOWS = 5
 LOADED = 5e5
 """Pa between the lowest and the highest pressures that slip needs."""
-LEAST_REVERSALS = 4
-LOOK = 0.5
-"""s after a reversal of the pump within which the piston must follow."""
 
 
 def dead_band(levels: Array, speeds: Array, moves: Mask) -> float:
@@ -68,7 +63,7 @@ def dead_band(levels: Array, speeds: Array, moves: Mask) -> float:
 
 
 def gain(records: list[Record], unit: Unit) -> Outcome:
-    """Volumetric gain in both directions, slip, dead band and lost motion, beside the profile's."""
+    """Volumetric gain in both directions, slip and dead band, beside the profile's."""
     out = Outcome("gain", "Gain from pump to piston")
     pump, velocity, pressure, steady, block = _windows(records, unit)
     profile, top = unit.pump.displacement / unit.cylinder.area_1, unit.drive.max_speed
@@ -84,7 +79,6 @@ def gain(records: list[Record], unit: Unit) -> Outcome:
         if slides.any():
             data.append(cloud(RPM * pump[slides], 1e3 * velocity[slides], name, colour))
             out.curves[name] = {"pump_speed": pump[slides], "velocity": velocity[slides]}
-    _lost_motion(out, records, unit)
     out.notes.append(
         "Means over 0.2 s, by the encoders, in which compression takes at most 2 % of the pumped oil. "
         "Gain is the slope of velocity over pump speed beside a slip in proportion to pressure, the "
@@ -189,57 +183,3 @@ def _dead(
     half = float(_jackknifed([dead_band(pump, velocity, slides & (group != g)) for g in groups]))
     note = f"{1e3 * profile * value:.2g} mm/s; leakage under the friction's pressure is in it"
     out.told.append(Told.within(f"dead band of the piston, {name}", value, half, "rad/s", note))
-
-
-def _lost_motion(out: Outcome, records: list[Record], unit: Unit) -> None:
-    """Pump angle from its reversals until the piston follows, less what creep, oil and leakage take."""
-    found = np.array([both for r in records for both in _reversals(r, unit)]).reshape(-1, 2)
-    count = len(found)
-    if count < LEAST_REVERSALS:
-        out.not_told.append(
-            f"Backlash: the pump turns round at speed {count} times, {LEAST_REVERSALS} times are needed."
-        )
-        return
-    lost, taken = found.T
-    rest, spread = lost - taken, float(student.ppf(0.975, count - 1)) / np.sqrt(count)
-    half = spread * float(lost.std(ddof=1))
-    quantity = "pump turns from its reversal until the piston follows"
-    out.told.append(Told.within(quantity, float(lost.mean()), half, "rad", f"{count} reversals"))
-    # The profile's compressibility is known to a quarter at best where the pressure passes the charge.
-    oil = float(np.mean(taken))
-    half = float(np.hypot(spread * rest.std(ddof=1), 0.25 * abs(oil)))
-    if rest.mean() > half:
-        beside = f"the other {np.degrees(oil):.3g}° are creep, oil compressed and leaked, by the profile"
-        out.told.append(Told.within("backlash among it", float(rest.mean()), half, "rad", beside))
-    else:
-        out.not_told.append(
-            f"Backlash: less than {np.degrees(max(rest.mean(), 0.0) + half):.3g}° of the pump, which "
-            "the oil's compression hides."
-        )
-
-
-def _reversals(r: Record, unit: Unit) -> Iterator[tuple[float, float]]:
-    """At each reversal the pump's angle (rad) until the piston follows, and what of it the profile says."""
-    cylinder, pump = unit.cylinder, unit.pump
-    profile, least = pump.displacement / cylinder.area_1, 0.01 * unit.drive.max_speed
-    v, w = r.speeds(0.01)
-    calm, n = r.smooth(w, 0.05), r.rows(LOOK)
-    for start in np.flatnonzero(np.sign(calm[1:]) != np.sign(calm[:-1])) + 1:
-        before, ahead = slice(start - n // 2, start - n // 10), slice(start, start + n)
-        if start < n or start + n > len(r) or r.gap[start - n // 2 : start + n].any():
-            continue
-        sign = np.sign(calm[start])
-        turns = np.all(-sign * calm[before] >= least) and np.all(sign * calm[ahead] >= 0.0)
-        follows = np.flatnonzero(sign * v[ahead] > 0.8 * profile * np.abs(w[ahead]) + 1e-4)
-        if sign * v[start] > 1e-4 or not turns or follows.size == 0:
-            continue
-        stop = start + int(follows[0])
-        # Of the chamber that the pump now fills.
-        filled = (r.pressure_1, cylinder.volume_1) if sign > 0.0 else (r.pressure_2, cylinder.volume_2)
-        level, volume = r.smooth(filled[0], 0.01), filled[1]
-        compressed = volume * (level[stop] - level[start]) / unit.oil.bulk_modulus
-        drop = float(np.sum(sign * (r.pressure_1 - r.pressure_2)[start:stop]))
-        leaked = (pump.cross_port_leakage + pump.case_leakage) * r.period * drop
-        moved = sign * (r.position[stop] - r.position[start])
-        explained = moved / profile + (compressed + leaked) / pump.displacement
-        yield sign * (r.angle[stop] - r.angle[start]), explained

@@ -14,19 +14,7 @@ from fdd.identification.identify import LEAKAGE_SHARP
 from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.identification.sensors import redundancy_offset
-from fdd.identification.volume_steps import (
-    AIR,
-    AREA_2,
-    BLOCK,
-    CASE,
-    CROSS,
-    DISPLACEMENT,
-    STEPS,
-    STIFF,
-    LogBalances,
-    VolumeSteps,
-    leakage_scale,
-)  # fmt: skip
+from fdd.identification.volume_steps import BLOCK, STEPS, LogBalances, Term, VolumeSteps, scales
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
 from fdd.residuals.oil import viscosity
@@ -58,10 +46,10 @@ class _Rows:
         # Case leakage in the profile's proportion: few logs tell both apart.
         pump, total = unit.pump, unit.pump.total_leakage
         cross, share = (pump.cross_port_leakage / total, pump.case_leakage / total) if total else (1.0, 0.0)
-        laminar = cross * m[:, CROSS] + share * m[:, CASE]
-        others = [AREA_2, STIFF, AIR]
-        self.pressure = -laminar / (leakage_scale(unit) * seconds)
-        self.pumped = m[:, DISPLACEMENT] / seconds
+        laminar = cross * m[:, Term.CROSS] + share * m[:, Term.CASE]
+        others = [Term.AREA_2, Term.STIFF, Term.AIR]
+        self.pressure = -laminar / (scales(unit)[Term.CROSS] * seconds)
+        self.pumped = m[:, Term.DISPLACEMENT] / seconds
         self.arrived = (steps.y[longest] - m[:, others] @ theta[others]) / seconds
         self.block, self.temperature = steps.block[longest], temperature[longest]
 

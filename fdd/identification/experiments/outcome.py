@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.report import traces as tr
-from fdd.report.plots import Figure
+from fdd.report.page import Sheet, Table
+from fdd.report.plots import Figure, Section
 
 Array = NDArray[np.float64]
 
@@ -114,6 +115,20 @@ class Outcome:
             "table": [dict(zip(self.heads, row, strict=True)) for row in self.rows],
             "curves": {name: {k: plain(v) for k, v in c.items()} for name, c in self.curves.items()},
         }  # fmt: skip
+
+    def sheet(self, logs: list[str], unit: str) -> Sheet:
+        """What people see of it, on a page and at a terminal: of these logs, beside this profile."""
+        told: list[tuple[str, ...]] = [(t.quantity, *t.shown()) for t in self.told]
+        heads = ("quantity", "value", "95 %", "unit", "remark")
+        listed = [t for t in (("Figures", heads, told), ("In detail", self.heads, self.rows)) if t[2]]
+        how = [" ".join(self.notes), ""]  # beside the first table, whichever that is
+        tables = [Table(*t, note=note, numbers=False) for t, note in zip(listed, how, strict=False)]
+        return Sheet(
+            kicker=f"{', '.join(logs)}, profile {unit}", headline=self.title,
+            kind="healthy" if told else "inconclusive",
+            remarks=[f"Not told: {sentence}" for sentence in self.not_told] + ([] if tables else self.notes),
+            tables=tables, sections=[Section("Plots", "", self.figures)],
+        )  # fmt: skip
 
 
 def points(x: Array, y: Array, low: Array, high: Array, name: str, colour: str) -> tr.Trace:

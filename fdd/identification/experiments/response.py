@@ -282,9 +282,7 @@ def _draw(
         out.curves[key] = {"frequency_hz": at, "magnitude": size, "phase_deg": phase, **band}
         magnitude.append(curve_line(at, decibel(response), label, colour))
         angle.append(curve_line(at, phase, label, colour))
-    mark = {"type": "line", "xref": "x", "yref": "paper", "x0": natural, "x1": natural, "y0": 0, "y1": 1,
-            "line": {"width": 1, "dash": "dot"}, "name": tr.MARK}  # fmt: skip
-    layout = axes("frequency (Hz)", type="log") | {"shapes": [mark]}
+    layout = axes("frequency (Hz)", type="log") | {"shapes": [tr.upright(natural, dash="dot")]}
     seen = measured.coherence > SEEN
     seen = seen if np.any(seen) else np.ones(f.size, dtype=bool)
 

@@ -1,22 +1,109 @@
-"""Commands for researchers: ``features``, ``train --classifier``, ``diagnose --classifier``; their page."""
+"""Commands for researchers: ``generate``, ``features``, ``train``, ``diagnose --classifier``; their page."""
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import shlex
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from pyarrow import parquet
+from rich.console import Console
 
+from fdd.campaign.dataset import Dataset
+from fdd.campaign.scores import wilson
+from fdd.campaign.train import ScoredLog
+from fdd.cli.campaign import confusion_table
 from fdd.learning.classifier import FaultClassifier
 from fdd.learning.features import FEATURES
 from fdd.learning.stored import StoredClassifier, save_classifier
+from fdd.unit import Unit
 
 ROOT = Path(__file__).parents[2]
+RECIPE = """
+schema: fdd.recipe/1
+units: 40
+logs_per_unit: 9
+healthy_share: 1
+duration: [3, 3]
+baseline: false
+"""
+
+
+def test_units_and_logs_replace_those_of_the_recipe(run, one_line, tmp_path: Path) -> None:
+    recipe = tmp_path / "few.yaml"
+    recipe.write_text(RECIPE, encoding="utf-8")
+    common = ("generate", recipe, "-o", tmp_path / "few", "--workers", 1, "--units", 1, "--logs")
+    result = run(*common, 2)
+    assert result.exit_code == 0, result.stderr
+    data = Dataset.load(tmp_path / "few")
+    assert len(data.logs) == 2 and data.recipe.units == 1 and data.recipe.logs_per_unit == 2
+    one_line(run(*common, 3), "another recipe")
+    one_line(run("generate", recipe, "-o", tmp_path / "many", "--units", 100_000), "units")
+
+
+def test_twins_on_the_command_line_stand_for_the_recipes(run, one_line, tmp_path: Path) -> None:
+    recipe = tmp_path / "twins.yaml"
+    faulty = RECIPE.replace("healthy_share: 1", "healthy_share: 0\nfaults: {pressure_sensor_bias: {}}")
+    recipe.write_text(faulty + "twins: true\n", encoding="utf-8")
+    for name, options, made in (("recipe", [], 1), ("none", ["--no-twins"], 0), ("asked", ["--twins"], 1)):
+        where = ("-o", tmp_path / name, "--workers", 1, "--units", 1, "--logs", 1)
+        result = run("generate", recipe, *where, *options)
+        assert result.exit_code == 0, result.stderr
+        data = Dataset.load(tmp_path / name)
+        assert data.recipe.twins is bool(made) and sum(e.twin is not None for e in data.logs) == made
+        assert len(list((tmp_path / name).rglob("twin_*"))) == made
+    recipe.write_text(faulty + "twins: maybe\n", encoding="utf-8")
+    one_line(run("generate", recipe, "-o", tmp_path / "maybe"), "twins.yaml", "twins", "maybe")
+
+
+@pytest.mark.parametrize("volume", [None, 0])
+def test_a_base_whose_accumulator_has_no_size_is_told_in_one_line(
+    run, one_line, tmp_path: Path, volume: int | None
+) -> None:
+    """As one would write a partner down: its gas volume left out, or 0."""
+    plain = yaml.safe_load(Unit.load("axis_b").to_yaml())
+    plain["accumulator"]["gas_volume"] = volume
+    if volume is None:
+        del plain["accumulator"]["gas_volume"]
+    base, recipe = tmp_path / "partner.yaml", tmp_path / "recipe.yaml"
+    base.write_text(yaml.safe_dump(plain), encoding="utf-8")
+    recipe.write_text(f"{RECIPE}bases: [{base}]\n", encoding="utf-8")
+    where = ("-o", tmp_path / "out", "--workers", 1, "--units", 1, "--logs", 1)
+    one_line(run("generate", recipe, *where), "partner.yaml", "accumulator.gas_volume")
+
+
+def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
+    command = ("generate", ROOT / "datasets" / "smoke.yaml", "-o", tmp_path / "set", "--engine")
+    one_line(run(*command, "cloud"), "cloud")
+    monkeypatch.setitem(sys.modules, "ray", None)
+    one_line(run(*command, "ray"), "install fdd[ray]")
+
+
+def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> None:
+    (tmp_path / "set").mkdir()
+    one_line(run("train", tmp_path / "set", "-o", tmp_path / "model"), str(tmp_path / "set"))
+    one_line(run("train", tmp_path / "none", "-o", tmp_path / "model"), "none")
+    assert not (tmp_path / "model").exists()
+
+
+def test_confusion_table_fits_80_columns() -> None:
+    families = ("", "aeration", "check_valve", "friction", "leakage", "motor", "seal_wear", "sensor")
+    answers = [("check_valve", name) for name in families]
+    answers += [("healthy", ""), ("healthy", ""), ("healthy", "leakage")]
+    logs = [ScoredLog("u1", "", family, answer, 1.0, 1.0, 10.0) for family, answer in answers]
+    screen = io.StringIO()
+    Console(width=80, file=screen).print(confusion_table(logs))
+    shown = " ".join(screen.getvalue().split())
+    assert f"healthy healthy 2, leakage 1 {wilson(2, 3)}" in shown
+    assert wilson(1, 8) in shown and "…" not in shown
+    assert shown.count(" 1,") + shown.count(" 1 ") >= len(families)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Healthy logs of random units with known truth, simulated once for the whole folder."""
+"""Units with known truth, and healthy logs of theirs: for calibration, and of ordinary work."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fdd.identification import Identification
+from fdd.identification.profile import Identification
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
@@ -18,6 +18,8 @@ SEEDS = (1, 2, 3)
 KNOWN = {"air_law": "free", "pump_friction": 0.0}
 """Details of the plant as identification takes them: air that stays free, a pump whose load does not rub.
 `test_identify.test_what_its_model_lacks_moves_its_figures_by_so_much` has the others."""
+LOADS = ("none", "spring", "constant", "gust")
+DUTIES = ("steps", "flight", "sines", "strokes", "sawtooth")
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,13 @@ class Case:
     base: Unit
     logs: list[Samples]
     found: Identification
+
+
+def with_zeros(unit: Unit, rng: np.random.Generator) -> Unit:
+    """The unit with pressure sensors that are off, by 8 and 2 kPa rms."""
+    for channel, size in (("pressure_difference", 8e3), ("pressure_1", 2e3), ("pressure_2", 2e3)):
+        unit.sensors[channel].zero = float(rng.normal(0.0, size))
+    return unit
 
 
 def random_unit(seed: int) -> Unit:
@@ -45,9 +54,7 @@ def random_unit(seed: int) -> Unit:
         for name in names:
             setattr(section, name, float(getattr(section, name) * rng.uniform(0.85, 1.15)))
     unit.friction.trial_spread = 0.0  # the draw of a run would be the truth then, not the curve
-    for channel, size in (("pressure_difference", 8e3), ("pressure_1", 2e3), ("pressure_2", 2e3)):
-        unit.sensors[channel].zero = float(rng.normal(0.0, size))
-    return unit
+    return with_zeros(unit, rng)
 
 
 def calibration_logs(unit: Unit, seed: int, **changes: Any) -> list[Samples]:
@@ -72,3 +79,51 @@ def calibration_logs(unit: Unit, seed: int, **changes: Any) -> list[Samples]:
         for i, (s, duty, mode, load) in enumerate(runs)
     ]
     return [simulate(unit, scenario).samples for scenario in scenarios]
+
+
+def spread_unit(seed: int) -> Unit:
+    """Axis A drawn log-normally: 2 % displacement, 30 % leakage, 15 % bulk modulus, 20 % friction."""
+    rng, unit = np.random.default_rng(seed), Unit.load("axis_a")
+
+    def factor(spread: float) -> float:
+        return float(np.exp(rng.normal(0.0, spread)))
+
+    unit.pump.displacement *= factor(0.02)
+    leakage = factor(0.3)
+    unit.pump.cross_port_leakage *= leakage
+    unit.pump.case_leakage *= leakage
+    unit.oil.bulk_modulus *= factor(0.15)
+    unit.oil.air_fraction = min(unit.oil.air_fraction * factor(0.3), 0.02)
+    unit.accumulator.charge_pressure *= factor(0.12)
+    unit.drive.torque_constant *= factor(0.03)
+    for branch in (unit.friction.forward, unit.friction.reverse):
+        grip = factor(0.2)
+        for name in ("coulomb", "static", "viscous"):
+            setattr(branch, name, grip * getattr(branch, name))
+    return with_zeros(unit, rng)
+
+
+def work(
+    unit: Unit, seed: int, *, duty: str = "", load: str = "", fault: dict[str, Any] | None = None
+) -> Samples:
+    """30 s of ordinary work on warm oil; duty and load are drawn where they are not given."""
+    rng = np.random.default_rng(seed)
+    scenario = Scenario(
+        duration=30.0, duty={"name": duty or str(rng.choice(DUTIES))},
+        load={"name": load or str(rng.choice(LOADS))}, oil_temperature=float(rng.uniform(30.0, 45.0)),
+        faults=[] if fault is None else [fault], seed=seed,
+    )  # fmt: skip
+    return simulate(unit, scenario).samples
+
+
+def scaled(log: Samples, factor: float, *channels: str) -> Samples:
+    """The log with some channels in another unit of measure."""
+    return log.with_columns({c: factor * log[c] for c in channels if c in log})
+
+
+def only(log: Samples, *channels: str) -> Samples:
+    return Samples(log.time, {c: log[c] for c in channels})
+
+
+def with_swapped_chambers(log: Samples) -> Samples:
+    return log.with_columns({"pressure_1": log["pressure_2"], "pressure_2": log["pressure_1"]})
