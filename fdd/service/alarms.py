@@ -12,7 +12,7 @@ from fdd.errors import InputError
 
 State = Literal["NORMAL", "UNACK", "ACKED", "RTNUN", "SHELVED"]
 STATES: tuple[State, ...] = get_args(State)
-"""All but the first stand."""
+STANDING = STATES[1:]
 
 ITSELF = "fdd"
 """Who did what no person did."""

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from fdd.service import config
-from fdd.service.alarms import STATES
+from fdd.service.alarms import STANDING
 from fdd.service.bus import Bus, Event, Kind
 from fdd.service.config_sources import read_secret
 from fdd.service.outputs.mqtt import MqttPublisher
@@ -156,7 +156,7 @@ class Outputs:
         self._threads: list[threading.Thread] = []
         self._mqtt: MqttPublisher | None = None
         if settings.mqtt is not None:
-            self._mqtt = mqtt = MqttPublisher(settings.mqtt, lambda: store.alarms(STATES[1:]))
+            self._mqtt = mqtt = MqttPublisher(settings.mqtt, lambda: store.alarms(STANDING))
             target = self._target("mqtt", mqtt.deliver)
             target.note, target.tick, target.about = mqtt.note, mqtt.tick, mqtt.status
         if settings.jsonl is not None:
