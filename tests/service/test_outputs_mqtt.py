@@ -18,10 +18,9 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from fdd.service.config import MqttOutput
-from fdd.service.outputs import mqtt
+from fdd.service.outputs import targets
 from fdd.service.outputs.delivery import DeliveryWorker
-from fdd.service.outputs.mqtt import MqttPublisher
-from fdd.service.outputs.targets import Undelivered
+from fdd.service.outputs.targets import MqttPublisher, Undelivered
 from tests.service.senders import until
 
 
@@ -120,7 +119,7 @@ def test_a_state_is_told_when_it_changed_and_not_too_often(
 ) -> None:
     live, publisher = listen(), publish()
     connected(publisher)
-    monkeypatch.setattr(mqtt, "EVERY_S", 0.4)
+    monkeypatch.setattr(targets, "EVERY_S", 0.4)
     begun = time.monotonic()
     while time.monotonic() - begun < 1.0:
         publisher.note("A1", {"n": int((time.monotonic() - begun) * 50)})

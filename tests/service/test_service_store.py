@@ -154,10 +154,10 @@ def test_outbox_in_order_until_it_is_delivered_or_given_up(store: Store) -> None
         (ids[0], {"n": 0}, 0),
         (ids[1], {"n": 1}, 0),
     ]
-    store.delivered(ids[0])
-    store.put_off(ids[1])
-    store.put_off(ids[1])
-    store.give_up(ids[2], "410 Gone")
+    store.settle(ids[0], done=True)
+    store.settle(ids[1], done=False)
+    store.settle(ids[1], done=False)
+    store.settle(ids[2], done=True, why="410 Gone")
     assert [(p.id, p.attempts) for p in store.outbox(9, "webhook")] == [(ids[1], 2)]
     assert [(r["action"], r["note"]) for r in store.audit()] == [("GIVEN_UP", "410 Gone")]
     assert store.compact(WALL)["outbox"] == 2

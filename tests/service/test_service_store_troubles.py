@@ -60,7 +60,7 @@ def test_a_damaged_file_is_named_and_left_as_it_is(damage: Callable[[bytes], byt
 
 def test_a_locked_store_is_a_trouble_that_passes(tmp_path: Path) -> None:
     path = filled(tmp_path / "fdd.db")
-    store = Store(url_of(path), busy_timeout=0.1)
+    store = Store(f"{url_of(path)}?timeout=0.1")
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     with pytest.raises(StoreTrouble, match="is locked") as caught, store.transaction() as t:
@@ -75,13 +75,13 @@ def test_a_locked_store_is_a_trouble_that_passes(tmp_path: Path) -> None:
     other.execute("PRAGMA locking_mode=EXCLUSIVE")
     other.execute("BEGIN EXCLUSIVE")
     with pytest.raises(StoreTrouble, match="is locked"):
-        Store(url_of(path), busy_timeout=0.1)
+        Store(f"{url_of(path)}?timeout=0.1")
     other.close()
 
 
 def test_a_transaction_that_only_read_so_far_keeps_other_writers_out(tmp_path: Path) -> None:
     path = filled(tmp_path / "fdd.db")
-    store, other = Store(url_of(path)), Store(url_of(path), busy_timeout=0.1)
+    store, other = Store(url_of(path)), Store(f"{url_of(path)}?timeout=0.1")
     with store.transaction() as t:
         with pytest.raises(StoreTrouble, match="is locked"), other.transaction():
             raise AssertionError("what the first one reads would be old when it writes")
