@@ -25,17 +25,9 @@ HEALTHY_LEAKAGE, LEAKAGE_FACTOR = "leakage_healthy", "leakage_factor"
 LEAST_DAYS = 8
 """From which on a life is told by the day, and not by the hour."""
 MOST_ALARMS = 100_000
+profile_key, said_key = "profile {}".format, "said {}".format
+"""Words of the store: a profile (YAML) by its SHA-256; by what name an axis's blocks call their profile."""
 _FORM = {"minute": "%Y-%m-%d %H:%M", "hour": "%Y-%m-%d %H:00", "day": "%Y-%m-%d"}
-
-
-def profile_key(sha256: str) -> str:
-    """Under which word of the store a profile (YAML) is kept."""
-    return f"profile {sha256}"
-
-
-def said_key(axis: str) -> str:
-    """Under which word of the store stands by what name an axis's blocks call their profile."""
-    return f"said {axis}"
 
 
 def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:

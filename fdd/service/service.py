@@ -23,7 +23,6 @@ from fdd.service.watch import Watch, check
 
 LOG = logging.getLogger("fdd.service")
 COMPACT_S = 3600.0
-DAY_S = 86400.0
 STOP_S = 20.0
 LOOK_S = 5.0
 AGAIN_S = 5.0
@@ -132,12 +131,8 @@ class Service:
             stop.set()
 
     def _compact(self) -> None:
-        kept = self.config.retention
-        findings = None if kept.findings is None else kept.findings * DAY_S
         try:
-            gone = self.store.compact(
-                time.time(), minutes=kept.minutes * DAY_S, hours=kept.hours * DAY_S, findings=findings
-            )
+            gone = self.store.compact(time.time(), **self.config.retention.model_dump())
         except InputError as error:
             LOG.warning("not compacted: %s", error)
         else:

@@ -225,7 +225,7 @@ def test_what_is_old_goes_and_the_rest_stays(store: Store) -> None:
     assert gone == {"minutes": 4, "hours": 2, "outbox": 0}
     assert [len(store.rollups("A1", "leakage", level)) for level in ("minute", "hour", "day")] == [2, 4, 6]
     assert len(store.findings()) == len(store.audit()) == 6
-    assert store.compact(WALL, findings=30 * DAY)["findings"] == 4
+    assert store.compact(WALL, findings=30)["findings"] == 4
     assert len(store.audit()) == 6
     assert store.compact(WALL)["minutes"] == 0
 

@@ -68,7 +68,7 @@ def web(service: Service, stop: threading.Event) -> Guard:
 
     @app.get("/page/words.js", include_in_schema=False)
     def spoken() -> Response:
-        text = b"export default " + bytes(JSONResponse(words()).body) + b";\n"
+        text = b"export default " + bytes(JSONResponse(_words()).body) + b";\n"
         return Response(text, media_type="text/javascript")
 
     app.mount("/page", StaticFiles(directory=str(PAGE)))
@@ -128,14 +128,8 @@ ANSWERS: dict[type[Exception], Callable[[Any], Response]] = {
 """How what an address raises is told."""
 
 
-def words() -> Mapping[str, Any]:
-    """The product's words for the page: what faults, families, balances and quantities are called.
-
-    Examples
-    --------
-    >>> words()["families"]["aeration"]
-    'Air in the oil'
-    """
+def _words() -> Mapping[str, Any]:
+    """The product's words for the page: what faults, families, balances and quantities are called."""
     return {
         "faults": {name: fault.title for name, fault in CATALOGUE.items()},
         "families": FAMILY_TITLES,

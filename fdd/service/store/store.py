@@ -294,25 +294,24 @@ class Store:
                 t.audit(time.time(), ITSELF, "GIVEN_UP", note=why, body={"outbox": id})
 
     def compact(
-        self, now: float, minutes: float = 30 * DAY_S, hours: float = 730 * DAY_S,
-        findings: float | None = None,
-    ) -> dict[str, int]:  # fmt: skip
+        self, now: float, minutes: int = 30, hours: int = 730, findings: int | None = None
+    ) -> dict[str, int]:
         """Forget what is old, and give its room on the disk back; how many rows of each went.
 
         Days are kept for ever, so are alarms and the audit.
 
         Parameters
         ----------
-        now : Unix seconds. minutes, hours, findings : s for which each is kept; None is for ever.
+        now : Unix seconds. minutes, hours, findings : days for which each is kept; None is for ever.
         """
         c = ROLLUP.c
         old = {
-            "minutes": delete(ROLLUP).where(c.level == "minute", c.start_wall < now - minutes),
-            "hours": delete(ROLLUP).where(c.level == "hour", c.start_wall < now - hours),
+            "minutes": delete(ROLLUP).where(c.level == "minute", c.start_wall < now - minutes * DAY_S),
+            "hours": delete(ROLLUP).where(c.level == "hour", c.start_wall < now - hours * DAY_S),
             "outbox": delete(OUTBOX).where(OUTBOX.c.done),
         }
         if findings is not None:
-            old["findings"] = delete(FINDING).where(FINDING.c.wall < now - findings)
+            old["findings"] = delete(FINDING).where(FINDING.c.wall < now - findings * DAY_S)
         with self.transaction() as t:
             gone = {name: t.execute(rows) for name, rows in old.items()}
         if self._engine.dialect.name == "sqlite":
