@@ -122,13 +122,7 @@ def _headline(watch: AxisWatch, live: Sequence[Alarm], silent: bool, zone: str |
 
 
 def _clock_time(wall: float | None, zone: str | None) -> str:
-    """A Unix time as a clock in a zone shows it.
-
-    Examples
-    --------
-    >>> _clock_time(1.7e9, "Europe/Berlin")
-    '2023-11-14 23:13:20 CET'
-    """
+    """A Unix time as a clock in a zone shows it."""
     if wall is None:
         return "the service began"
     place = None if zone is None else ZoneInfo(zone)

@@ -30,7 +30,7 @@ def tcp(**more: object) -> TcpLines:
 
 
 def connected(source: TcpLines) -> socket.socket:
-    return socket.create_connection(("127.0.0.1", source.port), timeout=10)
+    return socket.create_connection(("127.0.0.1", source.status()["port"]), timeout=10)
 
 
 def samples(first: int, count: int, **more: object) -> bytes:
@@ -148,8 +148,8 @@ def test_connections_and_silence_are_bounded(taker: Taker, stop: threading.Event
 def test_a_port_that_is_taken_is_told_in_one_line(stop: threading.Event) -> None:
     first = tcp()
     first.start(lambda block: None, stop)
-    with pytest.raises(InputError, match=f"tcp 127.0.0.1:{first.port}: cannot be listened on"):
-        tcp(port=first.port).start(lambda block: None, stop)
+    with pytest.raises(InputError, match=f"tcp 127.0.0.1:{first.status()['port']}: cannot be listened on"):
+        tcp(port=first.status()["port"]).start(lambda block: None, stop)
 
 
 def test_datagrams_are_messages(taker: Taker, stop: threading.Event) -> None:
@@ -157,7 +157,7 @@ def test_datagrams_are_messages(taker: Taker, stop: threading.Event) -> None:
     assert isinstance(source, Datagrams)
     source.start(taker.put, stop)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.connect(("127.0.0.1", source.port))
+        sender.connect(("127.0.0.1", source.status()["port"]))
         sender.send(encode_json(a_block(0, "C3")))
         sender.send(encode_arrow(a_block(1, "C3")))
         sender.send(b"garbage")
@@ -196,7 +196,9 @@ def test_the_sender_of_the_manual_sends(taker: Taker, stop: threading.Event) -> 
     source = tcp()
     source.start(taker.put, stop)
     assert "9001" in sender and "0.1)" in sender
-    exec(sender.replace("9001", str(source.port)).replace("time.sleep(0.1)", "time.sleep(0.0)"), {})
+    exec(
+        sender.replace("9001", str(source.status()["port"])).replace("time.sleep(0.1)", "time.sleep(0.0)"), {}
+    )
     until(lambda: taker.numbers() == list(range(20)))
     assert source.status()["refused"] == 0 and len(taker.blocks[0].samples) == 100
     example = page.split("```json\n")[1].split("```")[0]

@@ -178,6 +178,7 @@ def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
         "model: none.json",
         "tokens: none.txt",
         "listen: {port: 0, tls: {cert: none.pem, key: none.key}}",
+        "listen: {port: 0, tls: {cert: serve.yaml, key: serve.yaml}}",
         "state: serve.yaml/state",
         "sources: [{type: folder, folder: none}]",
         "sources: [{type: replay, logs: {A1: none.csv}}]",

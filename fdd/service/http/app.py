@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import ssl
 import threading
 from collections.abc import Callable, Mapping
 from importlib import resources
@@ -154,7 +153,7 @@ class Server:
 
     Raises
     ------
-    InputError : the port is taken, or the certificate cannot be used.
+    InputError : the port is taken.
     """
 
     def __init__(self, service: Service) -> None:
@@ -167,11 +166,6 @@ class Server:
             timeout_graceful_shutdown=3, h11_max_incomplete_event_size=MAX_HEAD_BYTES,
             ssl_certfile=None if tls is None else tls.cert, ssl_keyfile=None if tls is None else tls.key,
         )  # fmt: skip
-        try:
-            config.load()
-        except (OSError, ssl.SSLError) as error:
-            where = "listen: tls" if tls is None else f"{tls.cert}, {tls.key}"
-            raise InputError(f"cannot be used for TLS ({error.strerror or error})", where=where) from None
         self._server = uvicorn.Server(config)
         where = f"listen {listen.host}:{listen.port}"
         self._socket = bound_socket(listen.host, listen.port, where, "give a free port (--port)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from fdd.logs.channel_map import ChannelMap
 from fdd.service.config_sources import AnySource, FolderSource, MqttSource, ReplaySource, TcpSource, UdpSource
@@ -14,7 +15,7 @@ from fdd.service.sources.source import Source
 __all__ = ["Source", "open_source"]
 
 
-def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: True) -> Source:
+def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: True) -> Source[Any]:
     """The source that a part of `serve.yaml` describes; its map is read.
 
     Parameters
