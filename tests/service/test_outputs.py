@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from outputs_fakes import event, finding, measured, sent, transition
+from outputs_fakes import finding, measured, sent, transition
 from pydantic import ValidationError
 
 from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.service import config
-from fdd.service.bus import Bus
+from fdd.service.bus import Bus, Event
 from fdd.service.outputs import Outputs, delivery
 from fdd.service.outputs.targets import Undelivered, Webhook
 from fdd.service.store import Store
@@ -60,7 +60,7 @@ def test_one_that_hangs_holds_up_no_other(
     begun = time.monotonic()
     for target in made.targets("alarm"):
         sent(store, "alarm", transition(), target)
-    bus.publish(event("alarm", "A1", 1.0, transition()))
+    bus.publish(Event("alarm", "A1", 1.0, transition()))
     until(lambda: made.status()[quick]["delivered"] == made.status()["jsonl"]["delivered"] == 1)
     assert time.monotonic() - begun < 10
     assert made.status()[slow]["delivered"] == 0
@@ -97,12 +97,12 @@ def test_live_states_that_cannot_be_written_are_counted(
     made = made_of(store, bus, jsonl=path)
     made.start(stop)
     until(lambda: bus._subscriptions)
-    bus.publish(event("status", "A1", 1.0, {"state": "healthy"}))
+    bus.publish(Event("status", "A1", 1.0, {"state": "healthy"}))
     until(lambda: path.exists() and json.loads(path.read_text("utf-8"))["axis"] == "A1")
     path.rename(tmp_path / "away")
     path.mkdir()
     next(iter(bus._subscriptions)).lost = 7
-    bus.publish(event("status", "A2", 1.0, {"state": "healthy"}))
+    bus.publish(Event("status", "A2", 1.0, {"state": "healthy"}))
     until(lambda: made.status()["jsonl"]["lost"] == 8)
 
 
@@ -113,7 +113,7 @@ def test_the_recorder_takes_samples(store: Store, tmp_path: Path, stop: threadin
     made.start(stop)
     time_ = np.arange(500) * 0.01
     bus.publish(measured("A1", Samples(time_, {"position": np.sin(time_)})))
-    bus.publish(event("alarm", "A1", 5.0, transition()))
+    bus.publish(Event("alarm", "A1", 5.0, transition()))
     until(lambda: made.status()["recording"]["running"] == 1)
     stop.set()
     made.join(10)

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from outputs_fakes import event, measured, transition
+from outputs_fakes import measured, transition
 
 from fdd.logs import read_log
 from fdd.samples import Samples
-from fdd.service.bus import Bus
+from fdd.service.bus import Bus, Event
 from fdd.service.config import Recording
 from fdd.service.outputs import recorder as recorder_module
 from fdd.service.outputs.recorder import Recorder, keep_within
@@ -59,7 +59,7 @@ class Rig:
 
     def alarm(self, time: float, axis: str = "A1", **given: Any) -> None:
         told = transition(axis=axis, onset=time - 5, detected=time, **given)
-        self.bus.publish(event("alarm", axis, time, told))
+        self.bus.publish(Event("alarm", axis, time, told))
         self.work()
 
     def status(self, time: float, leakage: float, axis: str = "A1") -> None:
@@ -67,7 +67,7 @@ class Rig:
             "estimates": {"leakage": {"value": leakage, "std": 1e-13, "observable": True}},
             "probabilities": {"healthy": 0.75}, "samples": 5,
         }  # fmt: skip
-        self.bus.publish(event("status", axis, time, data))
+        self.bus.publish(Event("status", axis, time, data))
         self.work()
 
     def work(self) -> None:
@@ -204,7 +204,7 @@ def test_a_stop_leaves_what_there_is(tmp_path: Path) -> None:
     for k in range(10):
         bus.publish(measured("A2", signal(START + k, START + k + 1)))
     until(lambda: "A2" in recorder._axes and recorder._axes["A2"].ring[-1].time[-1] > START + 9)
-    bus.publish(event("alarm", "A2", START + 10, transition(axis="A2", onset=1.0, detected=2.0)))
+    bus.publish(Event("alarm", "A2", START + 10, transition(axis="A2", onset=1.0, detected=2.0)))
     until(lambda: recorder.status()["running"])
     stop.set()
     thread.join(10)

@@ -15,11 +15,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from outputs_fakes import message, opened, sent, transition
+from outputs_fakes import message, sent, transition
 
 from fdd.service.outputs import delivery, targets
 from fdd.service.outputs.delivery import DeliveryWorker
 from fdd.service.outputs.targets import Undelivered, Webhook
+from fdd.service.store import Store
 from tests.service.senders import free_port
 
 MESSAGE = message("alarm", transition())
@@ -116,10 +117,10 @@ def test_an_answer_that_is_cut_is_none(receiver: Receiver, cut: bytes) -> None:
 
 
 def test_it_comes_again_with_the_same_key_until_it_is_taken(
-    receiver: Receiver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    receiver: Receiver, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     receiver.answers = [(500, {}, b"broken"), (429, {"Retry-After": "7"}, b""), (200, {}, b"thanks")]
-    store, now = opened(tmp_path), [1000.0]
+    now = [1000.0]
     monkeypatch.setattr(delivery, "time", SimpleNamespace(monotonic=lambda: now[0]))
     hook = Webhook(receiver.url, SECRET)
     for id in (1, 2):
@@ -138,7 +139,6 @@ def test_it_comes_again_with_the_same_key_until_it_is_taken(
     keys = [headers["Idempotency-Key"] for _, headers, _ in receiver.came]
     assert keys[0] == keys[1] == keys[2] != keys[3]
     assert receiver.came[0][2] == receiver.came[2][2]
-    store.close()
 
 
 @pytest.mark.parametrize(
