@@ -15,8 +15,8 @@ from fdd.samples import CHANNELS, Samples
 
 SPAN_S = 600.0
 LOOK_S = 5.0
-BAND_S = 0.5
-"""Stretches of which least and largest are kept: finer than a pixel of ten minutes."""
+BAND_S = 1.2
+"""Stretches of which least and largest are kept: five hundred of them are what a picture has room for."""
 FRESH_S = 30 * 86400.0
 """s by which a stamp may differ from the time of day, and yet count as one; else it is from any start."""
 Numbers = list[float | None]

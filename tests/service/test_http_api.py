@@ -42,7 +42,7 @@ def answered(document: dict, path: str, body: object) -> None:
     [
         ("/api/axes", "/api/axes"),
         ("/api/axes/{name}", "/api/axes/F7/aileron-R"),
-        ("/api/axes/{name}", "/api/axes/F7%2Faileron-R?points=50"),
+        ("/api/axes/{name}", "/api/axes/F7%2Faileron-R"),
         ("/api/axes/{name}/trend", "/api/axes/F7%2Faileron-R/trend?quantity=leakage&level=day"),
         ("/api/alarms", "/api/alarms"),
         ("/api/alarms", "/api/alarms?state=all"),
@@ -136,7 +136,6 @@ def test_the_stores_trouble_is_told_and_passes(client: TestClient, world: World)
         ("/api/axes/F7%2Frudder/trend?level=second", 400),
         ("/api/axes/F7%2Frudder/trend?since=x", 400),
         ("/api/axes/F7%2Frudder/trend?since=nan", 400),
-        ("/api/axes/F7%2Frudder?points=1e9", 400),
         ("/api/axes/F7%2Frudder/trend?quantity=a'%20or%201", 400),
         ("/api/alarms?limit=-1", 400),
     ],

@@ -1,12 +1,10 @@
 """The API: what each address answers, and which role it asks for."""
 
-import math
 import threading
 import time
 from collections.abc import AsyncIterable
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
 from fastapi.sse import EventSourceResponse, ServerSentEvent
@@ -14,13 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 import fdd
 from fdd.errors import InputError
-from fdd.report.decimate import envelope
 from fdd.service.alarms import LONGEST_SHELF_S, STANDING, STATES, Action, Alarm
 from fdd.service.bus import Subscription
 from fdd.service.http.events import Hub
 from fdd.service.http.tokens import LOCAL, Caller, Role
 from fdd.service.life import Each, sentence_of
-from fdd.service.recent import Bands
 from fdd.service.status import AxisDetail, AxisStatus
 from fdd.service.store import StoreTrouble
 
@@ -179,10 +175,9 @@ def router(service: "Service", stop: threading.Event) -> APIRouter:
         return Trend(axis=name, quantity=quantity, level=level, points=points, sentence=told)
 
     @api.get("/api/axes/{name:path}", dependencies=view)
-    def axis(name: str, points: Annotated[int, Query(ge=10, le=6000)] = 600) -> AxisDetail:
-        """One axis with its last ten minutes, signals in so many points."""
-        found = detail(name)
-        return found.model_copy(update={"signals": thinned(found.signals, points)})
+    def axis(name: str) -> AxisDetail:
+        """One axis with its last ten minutes."""
+        return detail(name)
 
     @api.delete("/api/axes/{name:path}", status_code=204)
     def remove(name: str, who: Admin) -> None:
@@ -277,24 +272,3 @@ def router(service: "Service", stop: threading.Event) -> APIRouter:
         return Response(text, media_type=kind)
 
     return api
-
-
-def thinned(signals: Bands, points: int) -> Bands:
-    """Signals in at most so many stretches, none of their extremes lost.
-
-    Examples
-    --------
-    >>> low, high = {"position": [0, 1, -5, None]}, {"position": [0, 9, 0, None]}
-    >>> bands = Bands(time=[0, 1, 2, 3], low=low, high=high)
-    >>> thinned(bands, 2).low, thinned(bands, 2).high
-    ({'position': [0.0, -5.0]}, {'position': [9.0, 0.0]})
-    """
-    if len(signals.time) <= points:
-        return signals
-    when, out = np.array(signals.time, float), Bands()
-    for name, low in signals.low.items():
-        rows = (np.array(low, float), np.array(signals.high[name], float))
-        mid, *ends = envelope(when, *rows, points)
-        least, most = ([v if math.isfinite(v) else None for v in end.tolist()] for end in ends)
-        out.time, out.low[name], out.high[name] = mid.tolist(), least, most
-    return out
