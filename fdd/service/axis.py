@@ -26,7 +26,7 @@ from fdd.service.blocks import Block
 from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR
 from fdd.service.order import Order
 from fdd.service.profiles import Learning
-from fdd.service.recent import FRESH_S, LOOK_S, Recent
+from fdd.service.status import FRESH_S, LOOK_S, Recent
 from fdd.service.store import Checkpoint, Rollup, joined, parted
 from fdd.unit import Unit
 

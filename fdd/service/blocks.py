@@ -248,7 +248,8 @@ def json_times(given: object) -> Array:
     """Times (n,) in s of a list, or of start, period and n. Raises InputError: it is neither."""
     if not isinstance(given, dict):
         return json_numbers("time", given)
-    start, period, n = given.get("start"), given.get("period"), given.get("n")
+    values: list[Any] = [given.get(key) for key in ("start", "period", "n")]
+    start, period, n = values
     numbers = {type(start), type(period)} <= {int, float} and type(n) is int and len(given) == 3
     if not numbers or not 1 <= n <= MOST_BLOCK_ROWS:
         raise InputError(
