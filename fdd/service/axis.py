@@ -216,7 +216,7 @@ class AxisWatch:
         time = self.pipeline.looked_at if looked else max(f.detected_s for f in fresh)
         self.standing = self.pipeline.standing
         self.probabilities, self.estimates, misfits = self.pipeline.now()
-        self.recent.look(time, self.estimates, misfits, self.probabilities)
+        self.recent.looks.append((time, self.estimates, misfits, self.probabilities))
         self._roll_up(wall)
         yield Look(time, fresh, self.standing)
         if self.learning is not None:

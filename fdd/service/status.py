@@ -160,12 +160,17 @@ def _clock_time(wall: float | None, zone: str | None) -> str:
 
 
 class Recent:
-    """What is kept of an axis for its page."""
+    """What is kept of an axis for its page.
+
+    Attributes
+    ----------
+    looks : of each look time, estimates, misfits of the balances and probabilities of the families.
+    """
 
     def __init__(self) -> None:
-        # Time, estimates, misfits and probabilities; number of the stretch, least and largest.
-        self._looks: deque[tuple[float, dict[str, Estimate], dict[str, float], dict[str, float]]]
-        self._looks = deque(maxlen=round(SPAN_S / LOOK_S))
+        self.looks: deque[tuple[float, dict[str, Estimate], dict[str, float], dict[str, float]]]
+        self.looks = deque(maxlen=round(SPAN_S / LOOK_S))
+        # Number of the stretch, least and largest.
         self._bands: deque[tuple[int, _Floats, _Floats]] = deque(maxlen=round(SPAN_S / BAND_S))
 
     def add(self, samples: Samples) -> None:
@@ -187,30 +192,20 @@ class Recent:
                 one, other = np.fmin(before, one), np.fmax(after, other)
             self._bands.append((band, one, other))
 
-    def look(
-        self,
-        time: float,
-        estimates: dict[str, Estimate],
-        misfits: dict[str, float],
-        chances: dict[str, float],
-    ) -> None:
-        """Take what one look at the evidence gave."""
-        self._looks.append((time, estimates, misfits, chances))
-
     def drawn(self) -> dict[str, Any]:
         """Estimates, misfits of the balances and probabilities of the families (`Series`), and signals."""
-        times = [look[0] for look in self._looks]
-        names = self._looks[-1][1] if self._looks else ()
+        times = [look[0] for look in self.looks]
+        names = self.looks[-1][1] if self.looks else ()
         low, high = (np.array([b[k] for b in self._bands]).reshape(-1, len(_NAMES)).T for k in (1, 2))
         seen = [k for k in range(len(_NAMES)) if np.isfinite(low[k]).any()]
         return {
             "estimates": Series(
                 time=times,
-                values={name: [look[1][name].held for look in self._looks] for name in names},
-                std={name: [look[1][name].held_std for look in self._looks] for name in names},
+                values={name: [look[1][name].held for look in self.looks] for name in names},
+                std={name: [look[1][name].held_std for look in self.looks] for name in names},
             ),
-            "misfits": _series(times, [look[2] for look in self._looks]),
-            "probabilities": _series(times, [look[3] for look in self._looks]),
+            "misfits": _series(times, [look[2] for look in self.looks]),
+            "probabilities": _series(times, [look[3] for look in self.looks]),
             "signals": Bands(
                 time=[band * BAND_S for band, _, _ in self._bands],
                 low={_NAMES[k]: _numbers(low[k]) for k in seen},

@@ -23,11 +23,6 @@ LEAK = FaultFinding(
 )  # fmt: skip
 
 
-def blocks_of(axis: str, payloads: list[bytes]) -> list[tuple[str, bytes]]:
-    """As a transaction accepts them."""
-    return [(axis, payload) for payload in payloads]
-
-
 PATH = os.pathsep.join([os.environ.get("PATH", ""), *map(str, Path("/usr/lib/postgresql").glob("*/bin"))])
 """Debian has the server's programs beside the path."""
 USER = "postgres" if os.geteuid() == 0 else None

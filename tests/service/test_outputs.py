@@ -14,6 +14,7 @@ from outputs_fakes import finding, measured, sent, transition
 from pydantic import ValidationError
 
 from fdd.errors import InputError
+from fdd.logs import read_log
 from fdd.samples import Samples
 from fdd.service import config
 from fdd.service.bus import Bus, Event
@@ -112,13 +113,16 @@ def test_the_recorder_takes_samples(store: Store, tmp_path: Path, stop: threadin
     assert made.targets("alarm") == []
     made.start(stop)
     time_ = np.arange(500) * 0.01
-    bus.publish(measured("A1", Samples(time_, {"position": np.sin(time_)})))
+    sizes = {"position": 0.02, "pump_angle": 40.0, "pressure_difference": 1e6}
+    columns = {name: size * np.sin(time_) for name, size in sizes.items()}
+    bus.publish(measured("A1", Samples(time_, columns)))
     bus.publish(Event("alarm", "A1", 5.0, transition()))
     until(lambda: made.status()["recording"]["running"] == 1)
     stop.set()
     made.join(10)
     assert made.status()["recording"]["files"] == 1
-    assert len(list((tmp_path / "rec").glob("A1_*.mcap"))) == 1
+    [path] = (tmp_path / "rec").glob("A1_*.mcap")
+    assert read_log(path).samples.duration == pytest.approx(4.99, abs=1e-6), "a stop leaves what there is"
 
 
 @pytest.mark.parametrize(

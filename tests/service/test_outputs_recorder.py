@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import resource
-import threading
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from fdd.service.bus import Bus, Event
 from fdd.service.config import Recording
 from fdd.service.outputs import recorder as recorder_module
 from fdd.service.outputs.recorder import Recorder, keep_within
-from tests.service.senders import until
 
 RATE = 100
 START = 1000.0
@@ -194,22 +192,6 @@ def test_an_axis_that_falls_silent_leaves_its_file(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(recorder_module.time, "monotonic", lambda: later)
     rig.work()
     assert read_log(rig.files()[0]).samples.duration == pytest.approx(20.0, abs=1.5)
-
-
-def test_a_stop_leaves_what_there_is(tmp_path: Path) -> None:
-    stop, bus = threading.Event(), Bus()
-    recorder = Recorder(Recording(folder=tmp_path, before=20.0, after=20.0), bus, lambda axis: None)
-    thread = threading.Thread(target=recorder.run, args=(stop,))
-    thread.start()
-    for k in range(10):
-        bus.publish(measured("A2", signal(START + k, START + k + 1)))
-    until(lambda: "A2" in recorder._axes and recorder._axes["A2"].ring[-1].time[-1] > START + 9)
-    bus.publish(Event("alarm", "A2", START + 10, transition(axis="A2", onset=1.0, detected=2.0)))
-    until(lambda: recorder.status()["running"])
-    stop.set()
-    thread.join(10)
-    [path] = tmp_path.glob("A2_*.mcap")
-    assert read_log(path).samples.duration == pytest.approx(9.99, abs=1e-6)
 
 
 def test_the_folder_stays_within_its_bound_and_others_files_stay(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from stores import LEAK, WALL, blocks_of
+from stores import LEAK, WALL
 
 from fdd.errors import InputError
 from fdd.service.store import Store, StoreTrouble
@@ -27,7 +27,7 @@ def path(tmp_path: Path) -> Path:
     path.parent.mkdir()
     with closing(Store(url_of(path))) as store:
         with store.transaction() as t:
-            t.accept_all(blocks_of("A1", [os.urandom(8000) for _ in range(50)]))
+            t.accept_all([("A1", os.urandom(8000)) for _ in range(50)])
             for _ in range(200):
                 t.found("A1", 1.0, WALL, LEAK)
             t.audit(WALL, "ann", "LOGIN")
@@ -93,15 +93,15 @@ def test_a_full_disk_is_a_trouble_that_passes(path: Path) -> None:
     store = Store(url_of(path))
     before = store.journal("A1")
     with pytest.raises(StoreTrouble, match="disk is full") as caught, store.transaction() as t:
-        t.accept_all(blocks_of("A1", [b"first"]))
+        t.accept_all([("A1", b"first")])
         t._connection.exec_driver_sql("PRAGMA max_page_count=1")
-        t.accept_all(blocks_of("A1", [bytes(8000)] * 100))
+        t.accept_all([("A1", bytes(8000))] * 100)
     one_line(caught.value, path)
     assert store.journal("A1") == before, "nothing of it may be there"
     store.close()
     store = Store(url_of(path))
     with store.transaction() as t:
-        t.accept_all(blocks_of("A1", [bytes(8000)] * 100))
+        t.accept_all([("A1", bytes(8000))] * 100)
     assert len(store.journal("A1")) == len(before) + 100
     store.close()
 
@@ -112,7 +112,7 @@ def test_a_store_whose_files_are_moved_away_takes_nothing_until_they_are_back(
 ) -> None:
     def accept(payload: bytes) -> None:
         with store.transaction() as t:
-            t.accept_all(blocks_of("A2", [payload]))
+            t.accept_all([("A2", payload)])
 
     with closing(Store(url_of(path))) as store:
         accept(b"before")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,11 +64,7 @@ def main(url: str, log: str) -> None:
     print("ready", flush=True)
     for block in blocks_of(samples):
         told = lambda number=block.sequence: print(number, flush=True)  # noqa: E731
-        send(
-            fleet,
-            inbox,
-            [Block(block.axis, block.samples, block.sequence, "", block.received, accepted=told)],
-        )
+        send(fleet, inbox, [replace(block, accepted=told)])
     fleet.keep()
     print("done", flush=True)
 
