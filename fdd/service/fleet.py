@@ -7,7 +7,7 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as TooLate
 from dataclasses import replace
@@ -28,7 +28,7 @@ from fdd.service.life import profile_key, said_key
 from fdd.service.profiles import Profiles
 from fdd.service.status import AxisDetail, AxisStatus, status_of
 from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
-from fdd.service.storing import Batch, Writer
+from fdd.service.storing import Batch, Targets, Writer
 
 LOG = logging.getLogger("fdd.service")
 
@@ -59,7 +59,6 @@ class Fleet:
     Parameters
     ----------
     profiles : of the axes.
-    targets : kind of event, and whether people are told, to the targets of its outbox.
     hold, learn_s : s, see `AxisWatch`. clock : Unix seconds. has : whether an axis is its own.
     ids : see `AlarmBook`.
     zone : of all axes' clock times, or of each; see `AxisStatus`.
@@ -78,7 +77,7 @@ class Fleet:
         bus: Bus,
         inbox: Inbox,
         *,
-        targets: Callable[[str, bool], Sequence[str]] = lambda kind, notify: (),
+        targets: Targets = {},  # noqa: B006 (nobody changes it)
         hold: float = 0.5,
         learn_s: float = 3600.0,
         clock: Callable[[], float] = time.time,

@@ -6,7 +6,6 @@ import gc
 import hashlib
 import ssl
 import threading
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from fdd.service.inbox import Inbox
 from fdd.service.profiles import Profiles
 from fdd.service.sources import open_source
 from fdd.service.store import Store
+from fdd.service.storing import Targets
 from fdd.unit import Unit
 
 GC_THRESHOLD = 50_000
@@ -53,7 +53,7 @@ class Watch(Fleet):
 
     Parameters
     ----------
-    config : the file. targets : see `Fleet`. share : the axes that are watched.
+    config : the file. share : the axes that are watched.
 
     Raises
     ------
@@ -65,9 +65,8 @@ class Watch(Fleet):
     """
 
     def __init__(
-        self, config: Serve, store: Store, bus: Bus, targets: Callable[[str, bool], Sequence[str]],
-        share: Share = Share(),
-    ) -> None:  # fmt: skip
+        self, config: Serve, store: Store, bus: Bus, targets: Targets, share: Share = Share()
+    ) -> None:
         inbox = Inbox(config.limits.inbox_seconds, config.limits.inbox_bytes)
         super().__init__(
             Profiles(config.units, config.fallback), Model.load(config.model), store, bus, inbox,

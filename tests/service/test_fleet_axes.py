@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from watched import blocks_of, fleet_of, send
+from watched import blocks_of, fleet_of, send, working
 
 import fdd
 from fdd.diagnosis.model import Model
@@ -96,14 +95,10 @@ def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> N
     send(fleet, inbox, blocks_of(log))
     fleet.keep()
     assert store.alarms()[0]["state"] == "UNACK" and store.rollups("A1", "leakage", "minute")
-    asked = threading.Thread(target=fleet.remove, args=("A1", "ann"))
-    asked.start()
-    while asked.is_alive():
-        fleet.step(0.01)
-    with pytest.raises(KeyError):
-        worker = threading.Thread(target=lambda: [fleet.step(0.1) for _ in range(5)])
-        worker.start()
-        fleet.remove("A2", "ann")
+    with working(fleet):
+        fleet.remove("A1", "ann")
+        with pytest.raises(KeyError):
+            fleet.remove("A2", "ann")
     assert fleet.axes() == [] == store.axes() and store.checkpoint("A1") is None
     assert not store.journal("A1") and not store.rollups("A1", "leakage", "minute")
     assert store.alarms()[0]["state"] == "NORMAL"
@@ -112,7 +107,6 @@ def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> N
         ("REMOVED", "ann"),
     ]
     assert [heard.get().data, heard.get().data][1] == {"removed": True}  # type: ignore[union-attr]
-    worker.join()
     again, inbox, _ = fleet_of(store)
     assert again.axes() == []
     send(again, inbox, blocks_of(log.rows(0, 1000)))

@@ -38,9 +38,9 @@ def test_who_is_told_what(store: Store, tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
     made = made_of(store, Bus(), jsonl=path, webhooks=(hook(SLOW, "alarm"), hook(QUICK)))
     slow, quick = Webhook(SLOW).name, Webhook(QUICK).name
-    assert made.targets("alarm") == ["jsonl", slow, quick]
-    assert made.targets("finding") == ["jsonl", quick]
-    assert made.targets("alarm", notify=False) == ["jsonl"], "of chatter people hear nothing"
+    assert made.targets["alarm", True] == ["jsonl", slow, quick]
+    assert made.targets["finding", True] == ["jsonl", quick]
+    assert made.targets["alarm", False] == ["jsonl"], "of chatter people hear nothing"
 
 
 def test_one_that_hangs_holds_up_no_other(
@@ -59,7 +59,7 @@ def test_one_that_hangs_holds_up_no_other(
     made.start(stop)
     until(lambda: len(bus._subscriptions) == 3)
     begun = time.monotonic()
-    for target in made.targets("alarm"):
+    for target in made.targets["alarm", True]:
         sent(store, "alarm", transition(), target)
     bus.publish(Event("alarm", "A1", 1.0, transition()))
     until(lambda: made.status()[quick]["delivered"] == made.status()["jsonl"]["delivered"] == 1)
@@ -110,7 +110,7 @@ def test_live_states_that_cannot_be_written_are_counted(
 def test_the_recorder_takes_samples(store: Store, tmp_path: Path, stop: threading.Event) -> None:
     bus = Bus()
     made = made_of(store, bus, recording=config.Recording(folder=tmp_path / "rec", before=10.0, after=10.0))
-    assert made.targets("alarm") == []
+    assert made.targets["alarm", True] == []
     made.start(stop)
     time_ = np.arange(500) * 0.01
     sizes = {"position": 0.02, "pump_angle": 40.0, "pressure_difference": 1e6}
@@ -164,7 +164,7 @@ def test_secrets_that_are_missing_empty_or_endless(store: Store, tmp_path: Path)
 def test_a_broker_that_is_away_stops_nothing(store: Store, tmp_path: Path, stop: threading.Event) -> None:
     broker = {"host": "127.0.0.1", "port": free_port()}
     made = made_of(store, Bus(), mqtt=broker, jsonl=tmp_path / "x.jsonl")
-    for target in made.targets("alarm"):
+    for target in made.targets["alarm", True]:
         sent(store, "alarm", transition(), target)
     made.start(stop)
     until(lambda: made.status()["jsonl"]["delivered"] and made.status()["mqtt"]["failed"])

@@ -16,6 +16,7 @@ from fdd.service.config_sources import read_secret
 from fdd.service.outputs.recorder import Recorder
 from fdd.service.outputs.targets import JsonLines, MqttPublisher, Undelivered, Webhook
 from fdd.service.store import OutboxMessage, Store
+from fdd.service.storing import Targets
 
 MOST_TAKEN = 200
 """Messages looked at in one go."""
@@ -162,14 +163,15 @@ class Outputs:
     def _target(self, name: str, deliver: Callable[[OutboxMessage], None]) -> DeliveryWorker:
         return self._targets.setdefault(name, DeliveryWorker(name, self._store, deliver))
 
-    def targets(self, kind: str, notify: bool = True) -> list[str]:
-        """Whom an event of a kind is sent to: the fleet puts a message for each into the outbox.
-
-        Parameters
-        ----------
-        notify : whether people are told; webhooks hear nothing of what a chattering alarm does.
-        """
-        return [name for name, t in self._targets.items() if kind in t.kinds and (notify or t.note)]
+    @property
+    def targets(self) -> Targets:
+        """Whom an event is sent to; webhooks hear nothing of what a chattering alarm does."""
+        known = self._targets.items()
+        return {
+            (kind, notify): [name for name, t in known if kind in t.kinds and (notify or t.note)]
+            for kind in KINDS
+            for notify in (True, False)
+        }
 
     def start(self, stop: threading.Event) -> None:
         """Begin, in threads of their own that end soon after `stop`."""
