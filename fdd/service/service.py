@@ -15,8 +15,10 @@ from fdd.engines import Engine
 from fdd.errors import InputError
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
-from fdd.service.http import Server, Tokens
-from fdd.service.outputs import Metrics, Outputs
+from fdd.service.http.app import Server
+from fdd.service.http.tokens import Tokens
+from fdd.service.outputs.delivery import Outputs
+from fdd.service.outputs.metrics import Metrics
 from fdd.service.shards import Shards
 from fdd.service.store import Store, StoreTrouble
 from fdd.service.watch import Watch, check

@@ -18,7 +18,7 @@ from fdd.service.config import Outputs as OutputsConfig
 from fdd.service.config import Serve
 from fdd.service.config_sources import MqttSource, source_name
 from fdd.service.fleet import ACT_S
-from fdd.service.outputs import Outputs
+from fdd.service.outputs.delivery import Outputs
 from fdd.service.status import AxisDetail, AxisStatus
 from fdd.service.store import LeaseLost, Store, StoreTrouble
 from fdd.service.storing import Targets

@@ -18,6 +18,7 @@ from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.config_sources import read_secret
 from fdd.service.fleet import Fleet
+from fdd.service.http.tokens import Tokens
 from fdd.service.inbox import Inbox
 from fdd.service.profiles import Profiles
 from fdd.service.sources import open_source
@@ -121,8 +122,6 @@ def check(config: Serve) -> None:
     Raises InputError: the first one that cannot be used: a profile, model, map, log, secret, certificate or
     folder.
     """
-    from fdd.service.http import Tokens  # here: shards need no HTTP
-
     require_writable(config.state, folder=True)
     Profiles(config.units, config.fallback)
     if isinstance(config.units, Path):

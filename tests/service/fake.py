@@ -17,7 +17,8 @@ from fdd.diagnosis.findings import FaultFinding
 from fdd.service.alarms import Action, Alarm, AlarmBook, Transition
 from fdd.service.bus import Bus, Event
 from fdd.service.config import Listen
-from fdd.service.http import Server, Tokens, new_token, web
+from fdd.service.http.app import Server, web
+from fdd.service.http.tokens import Tokens, new_token
 from fdd.service.status import AxisDetail, AxisStatus, Bands, Series
 from fdd.service.store import Store
 

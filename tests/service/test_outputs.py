@@ -18,7 +18,8 @@ from fdd.logs import read_log
 from fdd.samples import Samples
 from fdd.service import config
 from fdd.service.bus import Bus, Event
-from fdd.service.outputs import Outputs, delivery
+from fdd.service.outputs import delivery
+from fdd.service.outputs.delivery import Outputs
 from fdd.service.outputs.targets import Undelivered, Webhook
 from fdd.service.store import Store
 from tests.service.senders import free_port, until

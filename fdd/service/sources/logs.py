@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 import time
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from fdd.bounds import MAX_DONE_BYTES
 from fdd.diagnosis.findings import Quality
@@ -89,8 +88,8 @@ class Folder(Source[FolderSource]):
             if path.stat().st_size > MAX_DONE_BYTES:
                 raise InputError(f"more than {MAX_DONE_BYTES} bytes", where=path, mend=mend)
             try:
-                self._note = _Note.model_validate(json.loads(path.read_bytes()))
-            except (OSError, ValueError, ValidationError, RecursionError):
+                self._note = _Note.model_validate_json(path.read_bytes())
+            except (OSError, ValueError):
                 raise InputError("not a note of what is done", where=path, mend=mend) from None
         self._run(self._watch, stop)
 
