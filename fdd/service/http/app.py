@@ -81,10 +81,7 @@ class Guard:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Guard one request."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
+        """Guard one request; the server has neither sockets of the web nor a lifespan to tell of."""
         came = 0
 
         async def bounded() -> Message:
