@@ -12,8 +12,8 @@ from typing import Any
 import paho.mqtt.client as paho
 import pytest
 
-from reports.service import MOSQUITTO
-from tests.service.senders import free_port, until
+from reports.service import MOSQUITTO, free_port
+from tests.service.senders import until
 
 needs_mosquitto = pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here")
 

@@ -14,7 +14,7 @@ import pytest
 from sqlalchemy import create_engine, text
 
 from fdd.diagnosis.findings import FaultFinding
-from tests.service.senders import free_port
+from reports.service import free_port
 
 WALL = 1_700_000_000.0
 LEAK = FaultFinding(

@@ -22,7 +22,8 @@ from fdd.service.outputs import delivery
 from fdd.service.outputs.delivery import Outputs
 from fdd.service.outputs.targets import Undelivered, Webhook
 from fdd.service.store import Store
-from tests.service.senders import free_port, until
+from reports.service import free_port
+from tests.service.senders import until
 
 SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 

@@ -24,7 +24,7 @@ from fdd.service.outputs import delivery, targets
 from fdd.service.outputs.delivery import DeliveryWorker
 from fdd.service.outputs.targets import JsonLines, Undelivered, Webhook
 from fdd.service.store import Store
-from tests.service.senders import free_port
+from reports.service import free_port
 
 MESSAGE = message("alarm", transition())
 SECRET = b"a key of thirty-two characters..."

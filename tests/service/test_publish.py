@@ -14,7 +14,7 @@ from fdd.logs.tabular_writing import write_parquet
 from fdd.samples import Samples
 from fdd.service.order import Order
 from fdd.service.publishing import Link, sendings
-from tests.service.senders import free_port
+from reports.service import free_port
 
 ROWS = 103
 """Of a block: the first that last 0.1 s or more. Stamps in 1024ths of a second are exact."""
