@@ -112,11 +112,13 @@ class Limits(Part):
     Attributes
     ----------
     inbox_seconds : s of data of one axis. inbox_bytes : of all axes.
+    backlog_bytes : of blocks that are stored while their axes are put off; beyond it all senders wait.
     hold : s of data that wait for a block before them.
     """
 
     inbox_seconds: Seconds = 10.0
     inbox_bytes: Annotated[int, Field(ge=1 << 20)] = 256 << 20
+    backlog_bytes: Annotated[int, Field(ge=0)] = 4 << 30
     hold: Annotated[float, Field(ge=0, le=1)] = 0.5
 
 

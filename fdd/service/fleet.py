@@ -21,10 +21,11 @@ from fdd.samples import Samples
 from fdd.service import storing
 from fdd.service.alarms import ITSELF, Action, AlarmBook, Transition
 from fdd.service.axis import AxisWatch, Look
+from fdd.service.backlog import Backlog
 from fdd.service.blocks import Block, Decoder, encode_arrow
 from fdd.service.bus import Bus, Event
 from fdd.service.inbox import MOST_TAKEN, Inbox
-from fdd.service.life import profile_key, said_key
+from fdd.service.life import profile_key, said_key, worked_key
 from fdd.service.profiles import Profiles
 from fdd.service.status import AxisDetail, AxisStatus, status_of
 from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
@@ -43,6 +44,8 @@ PACE_S = 0.1
 """Blocks are gathered for so long: what they bring is stored at once."""
 FORGOTTEN_S = 60.0
 """Silence after which an axis goes that was refused, or sent less than its units can be checked by."""
+PORTION = 64
+"""Stored blocks that are worked between two steps: some hundredths of a second."""
 MOST_REFUSED, MOST_TOLD = 100, 3
 """Names of refused axes that are known, as strangers may give any number, and that health tells."""
 ACT_S = 10.0
@@ -65,7 +68,7 @@ class Fleet:
 
     Attributes
     ----------
-    writer : to its store, with what is wrong with it.
+    writer : to its store, with what is wrong with it. backlog : axes that are put off under overload.
     resumed : share of the journal that was worked again after a restart, 1 once it is done.
     """
 
@@ -84,6 +87,7 @@ class Fleet:
         has: Callable[[str], bool] = lambda axis: True,
         ids: tuple[int, int] = (1, 1),
         zone: str | Mapping[str, str] | None = None,
+        backlog: Backlog | None = None,
     ) -> None:
         self._profiles, self._model, self._zone = profiles, model, zone
         self._store, self._bus, self._inbox, self._targets = store, bus, inbox, targets
@@ -95,7 +99,8 @@ class Fleet:
         self._asked: queue.Queue[tuple[Callable[[Batch], Any], Future[Any]]] = queue.Queue()
         self._lock = threading.RLock()
         self._profiles_kept: set[str] = set()
-        self.writer, self.resumed = Writer(store), 0.0
+        self._decoder = Decoder()
+        self.writer, self.resumed, self.backlog = Writer(store), 0.0, backlog or Backlog()
 
     def run(self, stop: threading.Event) -> None:
         """Work until `stop` is set; state is kept at the end."""
@@ -111,7 +116,8 @@ class Fleet:
         if self.resumed < 1.0:
             return
         while not stop.is_set():
-            if self.step(PACE_S, stop) < MOST_TAKEN:  # else more waits already
+            taken = self.step(PACE_S, stop)
+            if not self.catch_up(stop, idle=not taken) and taken < MOST_TAKEN:  # else more waits already
                 stop.wait(PACE_S)
         # A step that was given up has changed states and is not stored: kept, its alarms would count as told.
         if self.writer.trouble is None:
@@ -122,6 +128,8 @@ class Fleet:
         book = self._store.book()
         with self._lock:
             self._axes.clear()
+            self.backlog.clear()
+            self.writer.last_row.clear()
             self._refused.clear()
             self._book.restore({**book, "alarms": [a for a in book["alarms"] if self._has(a["axis"])]})
         waiting, worked = max(1, self._store.journal_rows()), 0
@@ -159,19 +167,43 @@ class Fleet:
         except InputError as error:
             note = str(error)
             watch = self._axes[watch.name] = self._new(watch.name, said)
-        decoder = Decoder()
-        for number, payload in self._store.journal(watch.name):
+        worked = self._store.meta(worked_key(watch.name))
+        for number, payload in self._stored(watch.name):
+            if worked is not None and number > int(worked):  # what it brings is still to be told
+                self.backlog.put_off(watch.name, math.nan, self._store.journal_bytes(watch.name))
+                break
             with self._lock:
                 self.writer.last_row[watch.name] = number
-                if payload:
-                    watch.push(decoder.decode(payload, "journal", axis=watch.name))
-                else:
-                    watch.settle(self._clock(), flush=True)
+                self._replay(watch, payload)
             yield
+        else:
+            if worked is not None:
+                with self._store.transaction() as t:
+                    t.forget(worked_key(watch.name))
         if note is not None:
             LOG.warning("%s", note)
             with self._store.transaction() as t:
                 t.audit(self._clock(), ITSELF, "STATE_DISCARDED", axis=watch.name, note=note)
+
+    def _stored(self, name: str, most: int | None = None) -> Iterator[tuple[int, bytes]]:
+        """Blocks of an axis (row, payload) that are stored and not in its state, at most so many."""
+        last, left = self.writer.last_row.get(name, 0), math.inf if most is None else most
+        while left > 0 and (rows := self._store.journal(name, last, int(min(left, PORTION)))):
+            yield from rows
+            last, left = rows[-1][0], left - len(rows)
+
+    def _replay(self, watch: AxisWatch, payload: bytes) -> list[Look]:
+        wall = self._clock() - self._behind_s(watch)
+        if not payload:
+            return watch.settle(wall, flush=True)
+        block = self._decoder.decode(payload, "journal", axis=watch.name)
+        return watch.push(replace(block, received=wall))
+
+    def _behind_s(self, watch: AxisWatch) -> float:
+        """s of data that are stored and not worked yet, of an axis that is put off."""
+        clock = watch.order.clock
+        behind = self.backlog.newest.get(watch.name, math.nan) + clock.offset - clock.last_time
+        return max(behind, 0.0) if math.isfinite(behind) else 0.0
 
     def _new(self, name: str, said: str | None) -> AxisWatch:
         def measured(samples: Samples) -> None:
@@ -211,6 +243,56 @@ class Fleet:
         finally:
             self._ended = time.monotonic()
 
+    def catch_up(self, stop: threading.Event | None = None, *, idle: bool = True) -> int:
+        """Work stored blocks of an axis that is put off, where there is time; how many.
+
+        Parameters
+        ----------
+        idle : nothing else waits. stop : see `step`.
+        """
+        with self._lock:
+            name = self.backlog.next(idle=idle)
+            if name is None:
+                return 0
+            watch, batch = self._axes[name], Batch(self._targets, self._clock())
+            try:
+                rows = list(self._stored(name, PORTION))
+            except StoreTrouble as error:
+                self.writer.failed(error)
+                return 0
+            for _, payload in rows:
+                wall = self._clock() - self._behind_s(watch)
+                self._looked(watch, self._replay(watch, payload), wall, batch)
+            last = rows[-1][0] if rows else self.writer.last_row.get(name, 0)
+            self.writer.last_row[name] = last
+            if len(rows) < PORTION:
+                LOG.info("axis %s is followed again", name)
+                self.backlog.followed_again(name)
+                batch.writes.append(lambda t: t.forget(worked_key(name)))
+            else:
+                self.backlog.worked(name, sum(len(payload) for _, payload in rows))
+                batch.writes.append(lambda t: t.meta(worked_key(name), str(last)))
+        if self.writer.write(batch, stop):
+            self._tell(batch)
+        return len(rows)
+
+    def _put_off(self, batch: Batch) -> None:
+        """Under overload follow fewer axes: those with an alarm first, then those that came first."""
+        followed = [name for name in self._axes if name not in self.backlog.newest]
+        followed.sort(key=lambda name: not self._book.alarms(name))
+        names = self.backlog.turn(time.monotonic(), self._idle_s, followed)
+        for name in names:
+            LOG.warning("overloaded: axis %s is put off", name)
+            self.backlog.put_off(name, math.nan, 0)
+
+        def write(t: Transaction) -> None:
+            # The row's number is known only now that this step's blocks are in the journal.
+            for name in names:
+                t.meta(worked_key(name), str(self.writer.last_row.get(name, 0)))
+
+        if names:
+            batch.writes.append(write)
+
     def _worked(self, blocks: list[Block]) -> Batch:
         batch = Batch(self._targets, self._clock())
         by_axis: dict[str, list[Block]] = {}
@@ -229,9 +311,13 @@ class Fleet:
                     future.set_exception(error)
         batch.moved(self._book.tick(self._clock()))
         # Checkpoints of the axes whose turn it is, as many as their share of the time allows.
+        self._put_off(batch)
         now, rows = time.monotonic(), self.writer.last_row
         every = max(CHECKPOINT_S, CHECKPOINT_AXIS_S * len(self._axes))
-        due = [w for w in self._axes.values() if now - w.kept >= every and w.name in rows and not w.waits]
+        due = [
+            w for w in self._axes.values()
+            if now - w.kept >= every and w.name in rows and not w.waits and w.name not in self.backlog.newest
+        ]  # fmt: skip
         for watch in sorted(due, key=lambda w: w.kept)[: 1 + len(self._axes) // 50]:
             watch.kept = now
             self._keep(watch, batch)
@@ -252,7 +338,13 @@ class Fleet:
             self._heard[name] = self._idle_s
             return
         watch.flushed = False
-        batch.journal += [(name, block.payload or encode_arrow(block)) for block in blocks]
+        stored = [(name, block.payload or encode_arrow(block)) for block in blocks]
+        batch.journal += stored
+        if name in self.backlog.newest:
+            batch.put_off.add(name)
+            newest = max((b.samples.time[-1] for b in blocks if len(b.samples)), default=math.nan)
+            self.backlog.put_off(name, float(newest), sum(len(payload) for _, payload in stored))
+            return
         looks = watch.push(*blocks)
         wall = blocks[-1].received
         if not known:
@@ -303,10 +395,11 @@ class Fleet:
         for part in kept:
             part.pop(name, None)
         self._inbox.forget(name)
+        self.backlog.followed_again(name)
         wall = self._clock()
         batch.moved(self._book.remove(name, who, wall))
         batch.writes += [
-            partial(Transaction.remove_axis, name=name, said=said_key(name)),
+            partial(Transaction.remove_axis, name=name, words=(said_key(name), worked_key(name))),
             partial(Transaction.audit, wall=wall, who=who, action="AXIS_REMOVED", axis=name),
         ]
         batch.events += [Event("axis", name, 0.0, {"removed": True}), Event("status", name, 0.0, {})]
@@ -317,7 +410,7 @@ class Fleet:
             if name in busy:
                 self._heard[name] = self._idle_s
             silent = self._idle_s - self._heard.setdefault(name, self._idle_s) > SILENT_S
-            if silent and not watch.flushed:
+            if silent and not watch.flushed and name not in self.backlog.newest:
                 watch.flushed = True
                 wall = self._clock()
                 if watch.order.held_samples or watch.waits:
@@ -374,7 +467,19 @@ class Fleet:
         if self.resumed < 1.0:
             found.append(f"resuming, {100 * self.resumed:.0f} %")
         refused = [status.headline for status in list(self._refused.values())[:MOST_TOLD]]
-        return found + refused + self._inbox.problems()
+        return found + refused + self._inbox.problems() + self._overloaded()
+
+    def _overloaded(self) -> list[str]:
+        with self._lock:
+            off = [self._axes[name] for name in self.backlog.newest]
+            behind = max(map(self._behind_s, off), default=0.0)
+            followed = f"{len(self._axes) - len(off)} of {len(self._axes)} axes are followed"
+        if not off:
+            return []
+        names = ", ".join(watch.name for watch in off[:MOST_TOLD])
+        more = f" and {len(off) - MOST_TOLD} more" if len(off) > MOST_TOLD else ""
+        late = f"the others are stored and worked later, {behind:.0f} s behind"
+        return [f"overloaded: {followed}, {late}: {names}{more}"]
 
     @property
     def count(self) -> int:
@@ -389,6 +494,9 @@ class Fleet:
     def _status(self, watch: AxisWatch) -> AxisStatus:
         zone = self._zone.get(watch.name) if isinstance(self._zone, Mapping) else self._zone
         counters = self._inbox.counters(watch.name)
+        if watch.name in self.backlog.newest:
+            counters["lag_s"] += self._behind_s(watch)
+            counters["put_off"] = 1.0
         return status_of(watch, self._book.alarms(watch.name), counters, self._clock(), zone)
 
     def profile_of(self, name: str) -> str | None:

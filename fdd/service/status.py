@@ -110,20 +110,24 @@ def status_of(
 
     Parameters
     ----------
-    alarms : of this axis. counters : of the inbox. now : Unix seconds. zone : of its clock times.
+    alarms : of this axis. counters : of the inbox, and whether the axis is put off.
+    now : Unix seconds. zone : of its clock times.
     """
     live = [a for a in alarms if a.state in ("UNACK", "ACKED", "RTNUN")]
     open_ = [a for a in live if a.state != "ACKED"]
-    silent = watch.last_wall is None or abs(now - watch.last_wall) > SILENT_S
+    lag_s, put_off = counters.get("lag_s", 0.0), bool(counters.get("put_off"))
+    silent = not put_off and (watch.last_wall is None or abs(now - watch.last_wall) > SILENT_S)
     state: AxisState = (
         "failed" if watch.failed else "unacknowledged" if open_ else "in alarm" if live
         else "silent" if silent else "learning" if watch.learning is not None else "healthy"
     )  # fmt: skip
+    late = f"; overloaded: {lag_s:.0f} s behind" if put_off else ""
+    headline = _headline(watch, live, silent, zone) + late
     verdict = "faulty" if watch.standing else "inconclusive" if state in ("failed", "learning") else "healthy"
     return AxisStatus(
-        name=watch.name, unit=watch.unit.name, state=state, headline=_headline(watch, live, silent, zone),
+        name=watch.name, unit=watch.unit.name, state=state, headline=headline,
         silent=silent, zone=zone, clock=watch.wall_of(0.0), last_wall=watch.last_wall,
-        lag_s=counters.get("lag_s", 0.0), samples=watch.samples, rate_hz=watch.rate_hz, verdict=verdict,
+        lag_s=lag_s, samples=watch.samples, rate_hz=watch.rate_hz, verdict=verdict,
         probabilities=watch.probabilities, estimates=watch.estimates,
         quality=watch.quality() | {"overrun": int(counters.get("dropped_samples", 0))},
         alarms=len(live), unacknowledged=len(open_),

@@ -29,12 +29,13 @@ class Batch:
 
     Attributes
     ----------
-    wall : Unix seconds.
+    wall : Unix seconds. put_off : axes of the journal whose blocks are worked later.
     """
 
     targets: Targets
     wall: float
     journal: list[tuple[str, bytes]] = field(default_factory=list)
+    put_off: set[str] = field(default_factory=set)
     writes: list[Callable[[Transaction], object]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     answers: list[tuple[Future[Any], Any]] = field(default_factory=list)
@@ -88,7 +89,7 @@ class Writer:
                     fresh = t.once(token)
                     if journal:  # all of an axis's blocks up to the last one of all are in its state
                         last = t.accept_all(journal if fresh else ())
-                        self.last_row |= dict.fromkeys((name for name, _ in journal), last)
+                        self.last_row |= dict.fromkeys({name for name, _ in journal} - batch.put_off, last)
                     for write in batch.writes if fresh else ():
                         write(t)
             except LeaseLost:

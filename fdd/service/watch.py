@@ -14,6 +14,7 @@ from fdd.bounds import MOST_AXES
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.files import require_writable
+from fdd.service.backlog import Backlog
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.config_sources import read_secret
@@ -74,6 +75,7 @@ class Watch(Fleet):
             targets=targets,
             hold=config.limits.hold, learn_s=60.0 * config.learn_minutes,
             has=share.has, ids=(share.number + 1, share.of), zone=config.zone,
+            backlog=Backlog(config.limits.backlog_bytes),
         )  # fmt: skip
         self.began = threading.Event()
         self._sources = [open_source(source, share.has) for source in config.sources]

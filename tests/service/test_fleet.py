@@ -26,6 +26,7 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.service.alarms import Action
+from fdd.service.backlog import Backlog
 from fdd.service.bus import Bus
 from fdd.service.fleet import Fleet
 from fdd.service.inbox import Inbox
@@ -98,6 +99,39 @@ def test_it_goes_on_from_its_checkpoint_and_journal(
     assert len(store.findings()) == 1
     third, _, bus = fleet_of(store)
     assert third.axes()[0].state == "unacknowledged" and len(store.findings()) == 1
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice(
+    restarts: bool, store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    due = list[list[str]]()
+    monkeypatch.setattr(Backlog, "turn", lambda self, now, spare, followed: due.pop() if due else [])
+    blocks = list(zip(blocks_of(log, "A1"), blocks_of(log, "A2"), strict=True))
+    fleet, inbox, _ = fleet_of(store)
+    for n, pair in enumerate(blocks):
+        due += [["A2"]] if n in (250, 450) else []
+        send(fleet, inbox, list(pair))
+        if n == 320:
+            behind = fleet.axis("A2").status
+            assert fleet.axis("A1").status.samples > behind.samples > 24_000
+            assert behind.lag_s == pytest.approx(7.0, abs=1.0) and not behind.silent
+            assert "overloaded: 7 s behind" in behind.headline
+            assert "overloaded: 1 of 2 axes are followed" in fleet.problems()[0]
+        if n == 400 and restarts:
+            fleet, inbox, _ = fleet_of(store)
+        if n in (400, 550):
+            while fleet.catch_up():
+                pass
+            assert fleet.problems() == [] and store.meta("worked A2") is None
+    fleet.keep()
+    found: dict[str, list[Any]] = {"A1": [], "A2": []}
+    for row in store.findings():
+        found[row["axis"]].append((row["fault"], row["time"], row["onset"]))
+    for row in store.audit():
+        found[row["axis"]].append((row["action"], row["time"]))
+    assert len(found["A1"]) == 2 and found["A1"] == found["A2"]
+    assert [s.samples for s in fleet.axes()] == [len(log)] * 2
 
 
 @pytest.mark.slow

@@ -64,11 +64,11 @@ class Transaction:
         row = {"name": name, "first_wall": wall, "last_wall": wall, **known}
         self._put(AXIS, [row], keep=("first_wall",))
 
-    def remove_axis(self, name: str, said: str) -> None:
-        """Take out an axis, its state, its life and a word; alarms, findings and the audit stay."""
+    def remove_axis(self, name: str, words: Sequence[str]) -> None:
+        """Take out an axis, its state, its life and its words; alarms, findings and the audit stay."""
         for table, column in ((CHECKPOINT, "axis"), (JOURNAL, "axis"), (ROLLUP, "axis"), (AXIS, "name")):
             self.execute(delete(table).where(table.c[column] == name))
-        self.execute(delete(META).where(META.c.key == said))
+        self.forget(*words)
 
     def found(self, axis: str, time: float, wall: float, finding: FaultFinding) -> int:
         """Keep a finding; its id."""
@@ -130,6 +130,10 @@ class Transaction:
     def execute(self, change: sa.Delete | sa.Update) -> int:
         """Delete or change rows; how many."""
         return int(self._connection.execute(change).rowcount)
+
+    def forget(self, *keys: str) -> None:
+        """Take out words about the store itself."""
+        self.execute(delete(META).where(META.c.key.in_(keys)))
 
     def meta(self, key: str, value: str) -> None:
         """Keep a word about the store itself."""
@@ -265,11 +269,16 @@ class Store:
             return Checkpoint(**row)
         return None
 
-    def journal(self, axis: str) -> list[tuple[int, bytes]]:
-        """Blocks (id, payload) that came after an axis's checkpoint, in their order."""
+    def journal(self, axis: str, after: int = 0, most: int | None = None) -> list[tuple[int, bytes]]:
+        """Blocks (id, payload) that came after an axis's checkpoint and after a row, in their order."""
         c = JOURNAL.c
-        rows = self._rows(select(c.id, c.payload).where(c.axis == axis).order_by(c.id))
-        return [(row["id"], row["payload"]) for row in rows]
+        mine = select(c.id, c.payload).where(c.axis == axis, c.id > after)
+        return [(row["id"], row["payload"]) for row in self._rows(mine.order_by(c.id).limit(most))]
+
+    def journal_bytes(self, axis: str) -> int:
+        """Bytes of the blocks that came after an axis's checkpoint."""
+        size = select(func.sum(func.length(JOURNAL.c.payload)).label("n")).where(JOURNAL.c.axis == axis)
+        return int(self._rows(size)[0]["n"] or 0)
 
     def journal_rows(self) -> int:
         """Blocks of all axes that came after their checkpoints."""
