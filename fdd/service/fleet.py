@@ -117,7 +117,10 @@ class Fleet:
             return
         while not stop.is_set():
             taken = self.step(PACE_S, stop)
-            if not self.catch_up(stop, idle=not taken) and taken < MOST_TAKEN:  # else more waits already
+            more_waits = taken == MOST_TAKEN
+            if more_waits and not self.backlog.is_full:
+                continue
+            if not self.catch_up(stop, idle=not taken) and not more_waits:
                 stop.wait(PACE_S)
         # A step that was given up has changed states and is not stored: kept, its alarms would count as told.
         if self.writer.trouble is None:
@@ -251,7 +254,7 @@ class Fleet:
         idle : nothing else waits. stop : see `step`.
         """
         with self._lock:
-            name = self.backlog.next(idle=idle)
+            name = self.backlog.next(len(self._axes) - len(self.backlog.newest), idle=idle)
             if name is None:
                 return 0
             watch, batch = self._axes[name], Batch(self._targets, self._clock())
@@ -266,7 +269,7 @@ class Fleet:
             last = rows[-1][0] if rows else self.writer.last_row.get(name, 0)
             self.writer.last_row[name] = last
             if len(rows) < PORTION:
-                LOG.info("axis %s is followed again", name)
+                LOG.debug("axis %s is followed again", name)
                 self.backlog.followed_again(name)
                 batch.writes.append(lambda t: t.forget(worked_key(name)))
             else:
@@ -281,8 +284,9 @@ class Fleet:
         followed = [name for name in self._axes if name not in self.backlog.newest]
         followed.sort(key=lambda name: not self._book.alarms(name))
         names = self.backlog.turn(time.monotonic(), self._idle_s, followed)
+        if names:
+            LOG.warning("overloaded: put off are %s", _some(names))
         for name in names:
-            LOG.warning("overloaded: axis %s is put off", name)
             self.backlog.put_off(name, math.nan, 0)
 
         def write(t: Transaction) -> None:
@@ -340,6 +344,7 @@ class Fleet:
         watch.flushed = False
         stored = [(name, block.payload or encode_arrow(block)) for block in blocks]
         batch.journal += stored
+        self.backlog.took(sum(block.seconds for block in blocks), followed=name not in self.backlog.newest)
         if name in self.backlog.newest:
             batch.put_off.add(name)
             newest = max((b.samples.time[-1] for b in blocks if len(b.samples)), default=math.nan)
@@ -382,7 +387,11 @@ class Fleet:
         # One that the store has and that was not heard since stays.
         for name in [n for n in self._refused if self._idle_s - self._heard.get(n, math.inf) > FORGOTTEN_S]:
             del self._refused[name], self._heard[name]
-        new = [(self._heard.get(n, self._idle_s), n) for n, w in self._axes.items() if w.is_new]
+        new = [
+            (self._heard.get(n, self._idle_s), n)
+            for n, w in self._axes.items()
+            if w.is_new and n not in self.backlog.newest
+        ]
         crowded = len(self._axes) + newcomers - MOST_AXES
         for k, (heard, name) in enumerate(sorted(new)):
             if k < crowded or self._idle_s - heard > FORGOTTEN_S:
@@ -476,10 +485,8 @@ class Fleet:
             followed = f"{len(self._axes) - len(off)} of {len(self._axes)} axes are followed"
         if not off:
             return []
-        names = ", ".join(watch.name for watch in off[:MOST_TOLD])
-        more = f" and {len(off) - MOST_TOLD} more" if len(off) > MOST_TOLD else ""
         late = f"the others are stored and worked later, {behind:.0f} s behind"
-        return [f"overloaded: {followed}, {late}: {names}{more}"]
+        return [f"overloaded: {followed}, {late}: {_some([watch.name for watch in off])}"]
 
     @property
     def count(self) -> int:
@@ -549,3 +556,9 @@ class Fleet:
             future.cancel()
             problem = f"not stored within {ACT_S:g} s: the store is away, or the service is busy"
             raise StoreTrouble(problem, mend="try again") from None
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names of a list, and how many more."""
+    more = f" and {len(names) - MOST_TOLD} more" if len(names) > MOST_TOLD else ""
+    return ", ".join(names[:MOST_TOLD]) + more

@@ -37,6 +37,8 @@ DUTIES: tuple[dict[str, Any], ...] = (
     {"duty": {"name": "sines"}, "load": {"name": "spring"}},
     {"duty": {"name": "steps"}, "load": {"name": "constant"}},
 )
+LEAKING = 1
+"""Of `DUTIES`."""
 TOGETHER = 500
 """Samples that the service gives the pipeline at once."""
 

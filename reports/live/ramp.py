@@ -1,4 +1,4 @@
-"""More and more axes in real time, until the service lags."""
+"""More and more axes in real time, until the service lags; harder cases; twice as many as it can watch."""
 
 from __future__ import annotations
 
@@ -8,17 +8,20 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import paho.mqtt.client as paho
 
 from fdd.samples import Samples
-from reports.live.inside import BLOCK_S, ROWS, messages, profile_text
-from reports.service import MOSQUITTO, Broker, Process
+from fdd.unit import Unit
+from reports.live.inside import BLOCK_S, LEAKING, ROWS, messages, profile_text
+from reports.service import MOSQUITTO, Broker, Process, until
 
 LAG_S = 1.0
 """s in which 99 % of the looks, and so of the findings, must be told."""
@@ -27,6 +30,8 @@ SETTLE_S = 20.0
 LOOKS_EVERY_S = 5.0
 GOLDEN = 0.618034
 """Spreads the axes' starts evenly over the time between two looks."""
+CAUGHT_UP_S = 600.0
+"""s that the service has to work what was put off."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,7 @@ class _Sender:
 
     broker: int
     payloads: Sequence[Sequence[bytes]]
+    spread_s: float = LOOKS_EVERY_S
     sent: dict[str, list[float]] = field(default_factory=dict)
     late: list[float] = field(default_factory=list)
 
@@ -90,7 +96,7 @@ class _Sender:
         now = time.time()
         for k in range(len(self.sent), axes):
             self.sent[f"A{k}"] = []
-            heapq.heappush(self._due, (now + LOOKS_EVERY_S * (k * GOLDEN % 1.0) + BLOCK_S, k))
+            heapq.heappush(self._due, (now + self.spread_s * (k * GOLDEN % 1.0) + BLOCK_S, k))
 
     def run(self, seconds: float) -> None:
         """Publish for so long."""
@@ -141,42 +147,115 @@ def why_not() -> str | None:
     return None
 
 
+@contextmanager
+def _serving(
+    recorded: Sequence[Samples], *, profile: str | None = None, together: bool = False
+) -> Iterator[tuple[Process, _Sender, _Listener]]:
+    """A service on a core of its own, what sends to it and what hears it, both on the other cores.
+
+    `profile`: YAML, the demo's where none is given. `together`: all axes begin at once.
+    """
+    core, *others = sorted(os.sched_getaffinity(0))
+    payloads = [messages(log) for log in recorded]
+    with tempfile.TemporaryDirectory(prefix="fdd-load-") as name, ExitStack() as stack:
+        os.sched_setaffinity(0, others)
+        stack.callback(os.sched_setaffinity, 0, {core, *others})
+        broker = Broker(Path(name))
+        stack.callback(broker.stop)
+        topics = ["rig/{axis}/blocks"]
+        source = {"type": "mqtt", "host": "127.0.0.1", "port": broker.port, "topics": topics}
+        (Path(name) / "unit.yaml").write_text(profile or profile_text(), "utf-8")
+        served = Process(Path(name), [source], core, fallback=str(Path(name) / "unit.yaml"))
+        served.start()
+        stack.callback(served.kill)
+        sender, listener = (
+            _Sender(broker.port, payloads, 0.0 if together else LOOKS_EVERY_S),
+            _Listener(served.port),
+        )
+        stack.callback(sender.stop)
+        listener.start()
+        yield served, sender, listener
+
+
 def ramp(
     recorded: Sequence[Samples], axes: Sequence[int], seconds: float, told: Callable[[str], None]
 ) -> list[Stage]:
     """Measure each number of axes, `seconds` each, until one is too many; `told` hears of each."""
-    core, *others = sorted(os.sched_getaffinity(0))
     stages: list[Stage] = []
-    payloads = [messages(log) for log in recorded]
-    with tempfile.TemporaryDirectory(prefix="fdd-load-") as name:
-        os.sched_setaffinity(0, others)
-        broker = Broker(Path(name))
-        served = sender = None
-        try:
-            source = {
-                "type": "mqtt",
-                "host": "127.0.0.1",
-                "port": broker.port,
-                "topics": ["rig/{axis}/blocks"],
-            }
-            (Path(name) / "unit.yaml").write_text(profile_text(), "utf-8")
-            served = Process(Path(name), [source], core, fallback=str(Path(name) / "unit.yaml"))
-            served.start()
-            sender, listener = _Sender(broker.port, payloads), _Listener(served.port)
-            listener.start()
-            for n in axes:
-                stages.append(_stage(served, sender, listener, n, seconds))
-                told(stages[-1].line)
-                if not stages[-1].in_time:
-                    break
-        finally:
-            if sender is not None:
-                sender.stop()
-            if served is not None:
-                served.kill()
-            broker.stop()
-            os.sched_setaffinity(0, {core, *others})
+    with _serving(recorded) as (served, sender, listener):
+        for n in axes:
+            stages.append(_stage(served, sender, listener, n, seconds))
+            told(stages[-1].line)
+            if not stages[-1].in_time:
+                break
     return stages
+
+
+def harder(
+    recorded: Sequence[Samples], axes: int, seconds: float, told: Callable[[str], None]
+) -> dict[str, Stage]:
+    """The same number of axes where each costs more; `told` hears of each."""
+    leaking = [recorded[LEAKING]]
+    plain = Unit.from_yaml(profile_text(), where="demo").model_copy(update={"baseline": None}).to_yaml()
+    cases: dict[str, tuple[Sequence[Samples], dict[str, Any]]] = {
+        "every axis leaks": (leaking, {}),
+        "all axes begin at once": (recorded, {"together": True}),
+        "no axis has a baseline": (recorded, {"profile": plain}),
+    }
+    found = {}
+    for name, (logs, how) in cases.items():
+        with _serving(logs, **how) as parts:
+            found[name] = _stage(*parts, axes, seconds)
+        told(f"{name}: {found[name].line}")
+    return found
+
+
+@dataclass(frozen=True)
+class Overload:
+    """More axes than the service can watch.
+
+    `axes`, `seconds`: sent. `in_time`: axes with 99 % of their looks within `LAG_S`. `told`: by health.
+    `rss`: bytes, the most seen. `sent`, `worked`: samples, worked when all was caught up or time was over.
+    `caught_up_s`: s after the sender's end until then.
+    """
+
+    axes: int
+    seconds: float
+    in_time: int
+    told: str
+    rss: int
+    sent: int
+    worked: int
+    caught_up_s: float
+
+
+def overload(recorded: Sequence[Samples], axes: int, seconds: float) -> Overload:
+    """Send of so many axes, and then let it catch up."""
+    with _serving(recorded) as (served, sender, listener):
+        sender.add(axes)
+        sender.run(seconds / 2.0)
+        begun, rss, middle = time.time(), served.resident, served.problems()
+        sender.run(seconds / 2.0)
+        rss, told, ended = max(rss, served.resident), served.problems() or middle, time.time()
+        lags = _lags(sender, listener, "status", begun)
+        least = int((ended - begun) / LOOKS_EVERY_S) - 1
+        in_time = sum(len(x) >= least and float(np.quantile(x, 0.99)) <= LAG_S for x in lags.values())
+        sent = sum(ROWS * len(times) for times in sender.sent.values())
+        # The last half second of an axis waits for a frame's end, and then for silence.
+        until(lambda: sum(a["samples"] for a in served.axes()) >= sent, CAUGHT_UP_S)
+        worked, took = sum(a["samples"] for a in served.axes()), time.time() - ended
+        rss = max(rss, served.resident)
+    return Overload(axes, seconds, in_time, "; ".join(told), rss, sent, worked, took)
+
+
+def _lags(sender: _Sender, listener: _Listener, kind: str, begun: float) -> dict[str, list[float]]:
+    """By axis, s from the sending of each look's last sample until it was heard, since `begun` (Unix s)."""
+    lags: dict[str, list[float]] = {}
+    for what, axis, at, heard in list(listener.heard):
+        last = round(at / BLOCK_S) - 1
+        if what == kind and heard >= begun and last < len(sender.sent[axis]):
+            lags.setdefault(axis, []).append(heard - sender.sent[axis][last])
+    return lags
 
 
 def _stage(served: Process, sender: _Sender, listener: _Listener, axes: int, seconds: float) -> Stage:
@@ -193,16 +272,15 @@ def _stage(served: Process, sender: _Sender, listener: _Listener, axes: int, sec
     rss, after = served.resident, served.axes()
     worked = sum(a["samples"] for a in after) - sum(a["samples"] for a in before)
     sent = {axis: ROWS * len(times) for axis, times in sender.sent.items()}
-    lags: dict[str, list[float]] = {"status": [], "finding": []}
-    for kind, axis, at, heard in list(listener.heard):
-        last = round(at / BLOCK_S) - 1
-        if heard >= begun and last < len(sender.sent[axis]):
-            lags[kind].append(heard - sender.sent[axis][last])
-    looks = np.array(lags["status"] or [np.nan])
+    lags, findings = (
+        [lag for of in _lags(sender, listener, kind, begun).values() for lag in of]
+        for kind in ("status", "finding")
+    )
+    looks = np.array(lags or [np.nan])
     return Stage(
         axes=axes, cpu_us=1e6 * cpu / max(worked, 1), busy=cpu / span, lag=float(np.median(looks)),
-        lag_99=float(np.quantile(looks, 0.99)), looks=len(lags["status"]), findings=len(lags["finding"]),
-        finding_lag=max(lags["finding"], default=np.nan),
+        lag_99=float(np.quantile(looks, 0.99)), looks=len(lags), findings=len(findings),
+        finding_lag=max(findings, default=np.nan),
         dropped=sum(a["quality"]["overrun"] + a["quality"]["dropped"] + a["quality"]["late"] for a in after),
         behind=1e-3 * sum(sent[a["name"]] - a["samples"] for a in after) / max(len(after), 1),
         late=float(np.quantile(sender.late, 0.99)), rss=rss, rss_growth=(rss - middle) / half,

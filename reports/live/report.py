@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -13,11 +13,13 @@ import typer
 from fdd.cli.console import progress, remark
 from fdd.errors import InputError
 from reports.live.inside import Inside, inside, logs
-from reports.live.ramp import LAG_S, SETTLE_S, Stage, ramp, why_not
+from reports.live.ramp import LAG_S, SETTLE_S, Overload, Stage, harder, overload, ramp, why_not
 from reports.writing import FOLDER, OutOption, load_now, made_by, require_folder, template, write_report
 
 GOAL_AXES, GOAL_BYTES = 100, 20e6
 """Axes on a core, and memory of each, that were asked for."""
+HARDER_AXES = 40
+"""Of the cases in which each axis costs more."""
 FLEET_AXES, FLEET_SHARDS = 1000, 16
 
 
@@ -31,9 +33,9 @@ def load(
     aged: Annotated[
         float, typer.Option(min=0.0, max=36_000.0, help="s of data by which memory is told.")
     ] = 660.0,
-    quick: Annotated[bool, typer.Option("--quick", help="Two minutes instead of fifteen: rough.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="A few minutes instead of twenty: rough.")] = False,
 ) -> None:
-    """Measure fdd serve on one core: axes in real time, lag, processor time, memory (15 min)."""
+    """Measure fdd serve on one core: axes in real time, lag, processor time, memory (20 min)."""
     require_folder(out)
     numbers = sorted({int(n) for n in axes.split(",")}) if axes.replace(",", "").isdecimal() else []
     if not numbers or not 0 < numbers[0] <= numbers[-1] <= 1000:
@@ -45,8 +47,12 @@ def load(
         recorded = logs(max(aged, 60.0, 0.0 if missing else seconds * len(numbers)))
     with progress("measuring the fleet's thread"):
         cost = inside(recorded, watched, span, repeats, aged)
-    stages = ramp(recorded, numbers, seconds, remark) if missing is None else []
-    write_report(out / "live.md", report_lines(cost, stages, seconds, missing))
+    stages, cases, over = [], {}, None
+    if missing is None:
+        stages = ramp(recorded, numbers, seconds, remark)
+        cases = harder(recorded, min(HARDER_AXES, numbers[-1]), seconds, remark)
+        over = overload(recorded, 2 * max(_most(stages), 1), 2.0 * seconds)
+    write_report(out / "live.md", report_lines(cost, stages, seconds, missing, cases, over))
     print(f"{cost.whole:.1f} µs a sample, of which {cost.alone:.1f} are the pipeline's")
     print(f"{_most(stages)} axes in real time on one core" if stages else f"not in real time: {missing}")
 
@@ -55,7 +61,10 @@ def _most(stages: Sequence[Stage]) -> int:
     return max((s.axes for s in stages if s.in_time), default=0)
 
 
-def report_lines(cost: Inside, stages: Sequence[Stage], seconds: float, why: str | None = None) -> list[str]:
+def report_lines(
+    cost: Inside, stages: Sequence[Stage], seconds: float, why: str | None = None,
+    cases: Mapping[str, Stage] | None = None, over: Overload | None = None,
+) -> list[str]:  # fmt: skip
     """The whole report; `why` says what hindered the measurement in real time."""
     each = math.ceil(FLEET_AXES / FLEET_SHARDS)
     near = min(stages, key=lambda s: abs(s.axes - each), default=None)
@@ -68,6 +77,6 @@ def report_lines(cost: Inside, stages: Sequence[Stage], seconds: float, why: str
         made_by=made_by("load"), load_now=load_now(), cost=cost, stages=stages, seconds=seconds, why=why,
         best=_most(stages), goal_axes=GOAL_AXES, goal_bytes=GOAL_BYTES, settle=SETTLE_S, lag=LAG_S,
         each=each, near=near, us=cost.whole if near is None else near.cpu_us, base=base, fleet=FLEET_AXES,
-        shards=FLEET_SHARDS, aged=math.isfinite(cost.axis_bytes),
+        shards=FLEET_SHARDS, cases=cases or {}, over=over, aged=math.isfinite(cost.axis_bytes),
     )  # fmt: skip
     return text.splitlines()

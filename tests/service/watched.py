@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import sys
 import threading
 from collections.abc import Iterator
@@ -76,20 +77,42 @@ def working(fleet: Fleet) -> Iterator[None]:
         worker.join()
 
 
-def main(url: str, log: str) -> None:
-    """Go on with a log where the store has it, and say each block that was accepted."""
+def disordered(samples: Samples, seed: int = 3) -> list[Block]:
+    """Blocks of two axes in turn; some come before the one that they follow, some come twice."""
+    rng = random.Random(seed)
+    axes = [blocks_of(samples, axis) for axis in ("A1", "A2")]
+    for blocks in axes:
+        for k in range(0, len(blocks) - 3, 5):
+            n = k + rng.randrange(3)
+            blocks[n], blocks[n + 1] = blocks[n + 1], blocks[n]
+    pairs = [block for pair in zip(*axes, strict=True) for block in pair]
+    return [b for block in pairs for b in [block] * (1 + (rng.random() < 0.05))]
+
+
+def main(url: str, log: str, seed: int) -> None:
+    """Go on with a log near where the store has it, say which blocks are accepted; A2 is put off at times."""
     with np.load(log) as stored:
         samples = Samples(stored["time"], {n: stored[n] for n in stored.files if n != "time"})
-    store = Store(url)
-    fleet, inbox, _ = fleet_of(store)
+    fleet, inbox, _ = fleet_of(Store(url))
+    rng = random.Random(seed)
+    fleet.backlog.turn = lambda now, spare, followed: [  # type: ignore[method-assign]
+        name for name in followed if name == "A2" and rng.random() < 0.02
+    ]
+    begin = {status.name: status.samples // ROWS - 20 for status in fleet.axes()}
     print("ready", flush=True)
-    for block in blocks_of(samples):
-        told = lambda number=block.sequence: print(number, flush=True)  # noqa: E731
-        send(fleet, inbox, [replace(block, accepted=told)])
+    for block in disordered(samples):
+        if (block.sequence or 0) < begin.get(block.axis, 0):
+            continue
+        said = lambda of=block: print(of.axis, of.sequence, flush=True)  # noqa: E731
+        send(fleet, inbox, [replace(block, accepted=said)])
+        if rng.random() < 0.02:
+            fleet.catch_up()
+    while fleet.catch_up():
+        pass
     fleet.keep()
     print("done", flush=True)
 
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parent))
-    main(sys.argv[1], sys.argv[2])
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]))
