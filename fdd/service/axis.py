@@ -158,32 +158,37 @@ class AxisWatch:
         self._measured(samples)
         if len(samples) > 1:
             self.rate_hz = float((len(samples) - 1) / samples.duration)
-        looks: list[Look] = []
+        looks, last = list[Look](), float(samples.time[-1])
         try:
-            self._check(samples)
-            if self.failed is None:
+            samples = self._checked(samples)
+            if self.failed is None and len(samples):
                 # No longer than a look each, so that what a look finds is told at its own time.
                 edges = np.arange(samples.time[0] + LOOK_S, samples.time[-1], LOOK_S)
                 for a, b in pairwise([0, *samples.time.searchsorted(edges).tolist(), len(samples)]):
                     if b > a:
                         looks += self._worked(samples.rows(a, b), wall)
         except InputError as error:
-            self._fail(str(error))
+            looks.append(self._failed(str(error), last))
         except Exception as error:  # a fault of fdd: the other axes go on
             LOG.exception("axis %s", self.name)
-            self._fail(f"internal error: {type(error).__name__}: {error}")
-            self._rests_until = float(samples.time[-1]) + REST_S
+            looks.append(self._failed(f"internal error: {type(error).__name__}: {error}", last))
+            self._rests_until = last + REST_S
         return looks
 
-    def _check(self, samples: Samples) -> None:
-        """Refuse channels in a wrong unit of measure, by some seconds; after a failure begin anew."""
+    def _checked(self, samples: Samples) -> Samples:
+        """What may be worked now: samples wait until some seconds show that no channel is in a wrong unit of
+        measure. After a failure the axis begins anew with them.
+
+        Raises InputError: a channel is in a wrong unit.
+        """
         if samples.time[0] < self._rests_until:
-            return
+            return samples.rows(0, 0)
         if self._unchecked is not None:
             self._unchecked.append(samples)
             if samples.time[-1] - self._unchecked[0].time[0] < CHECKED_S:
-                return
-            check_magnitudes(Samples.concatenate(self._unchecked).columns)
+                return samples.rows(0, 0)
+            samples = Samples.concatenate(self._unchecked)
+            check_magnitudes(samples.columns)
             self._unchecked = None
         if self.learning is None:  # a unit that is still learnt has no scales of its own
             try:
@@ -196,12 +201,15 @@ class AxisWatch:
             LOG.info("axis %s begins anew, it had failed: %s", self.name, self.failed)
             self.failed, self._wrong_scales = None, False
             self._take_over(self.unit)
+        return samples
 
-    def _fail(self, why: str) -> None:
+    def _failed(self, why: str, time: float) -> Look:
+        """Stop at a time, s; the look that ends what stood."""
         if self.failed != why:
             LOG.warning("axis %s: %s", self.name, why)
         self.failed, self._unchecked, self.standing = why, [], []
         self._scales = self._fresh_scales()
+        return Look(time, [], [])
 
     def _worked(self, samples: Samples, wall: float) -> Iterator[Look]:
         before = self.pipeline.looked_at

@@ -320,7 +320,8 @@ class Fleet:
         every = max(CHECKPOINT_S, CHECKPOINT_AXIS_S * len(self._axes))
         due = [
             w for w in self._axes.values()
-            if now - w.kept >= every and w.name in rows and not w.waits and w.name not in self.backlog.newest
+            if now - w.kept >= every and w.name in rows and not w.waits and not w.is_new
+            and w.name not in self.backlog.newest
         ]  # fmt: skip
         for watch in sorted(due, key=lambda w: w.kept)[: 1 + len(self._axes) // 50]:
             watch.kept = now
@@ -465,7 +466,7 @@ class Fleet:
             for watch in self._axes.values():
                 wall = self._clock()
                 self._looked(watch, watch.settle(wall), wall, batch)
-                if watch.name in self.writer.last_row:
+                if watch.name in self.writer.last_row and not watch.is_new:  # else the journal has it all
                     self._keep(watch, batch)
         if self.writer.write(batch, stop):
             self._tell(batch)

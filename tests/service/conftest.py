@@ -46,6 +46,7 @@ def taker() -> Taker:
 def ticking(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The fleet's monotonic clock, s, which the test advances."""
     now = [0.0]
-    clock = SimpleNamespace(monotonic=lambda: now[0], perf_counter=time.perf_counter, time=time.time)
+    real = {name: getattr(time, name) for name in ("perf_counter", "time", "sleep")}
+    clock = SimpleNamespace(monotonic=lambda: now[0], **real)
     monkeypatch.setattr("fdd.service.fleet.time", clock)
     return now

@@ -53,6 +53,7 @@ def test_an_axis_whose_sender_was_mended_is_watched_again(store: Store, log: Sam
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(wrong.rows(0, 8000)))
     assert fleet.axes()[0].state == "failed" and "looks like mm" in fleet.axes()[0].headline
+    assert not store.findings() and not store.audit(), "nothing is told of what was in a wrong unit"
     fleet.keep()
     fleet, inbox, _ = fleet_of(store)
     assert fleet.axes()[0].state == "failed"
@@ -82,8 +83,9 @@ def test_pressures_on_another_scale_are_refused_until_they_are_right(
     wrong = sound.with_columns({c: 0.0689476 * sound[c] for c in PRESSURES if c in sound})
     watch = AxisWatch("A1", Unit.load(demo / "unit.yaml"), Model.load())
     blocks = blocks_of(wrong)
-    watch.push(*blocks)
+    last = watch.push(*blocks)[-1]
     assert watch.failed is not None and "bar read as psi" in watch.failed
+    assert last.time == pytest.approx(15.5, abs=0.2) and not last.standing, "what stood returns"
     later = Samples(sound.time + 20.0, sound.columns)
     watch.push(*blocks_of(later))
     assert watch.failed is None and not watch.standing
@@ -143,7 +145,7 @@ def test_what_is_refused_for_want_of_a_profile_is_counted_and_told(store: Store,
 
 def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples, tmp_path: Path) -> None:
     fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(log)[:30])
+    send(fleet, inbox, blocks_of(log)[:60])
     fleet.keep()
     other = Fleet(Profiles({"A1": "axis_b"}), Model.load(), store, Bus(), Inbox())
     other.resume()
