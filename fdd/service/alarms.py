@@ -12,10 +12,13 @@ from fdd.errors import InputError
 
 State = Literal["NORMAL", "UNACK", "ACKED", "RTNUN", "SHELVED"]
 STATES: tuple[State, ...] = get_args(State)
-"""All but the first stand."""
+STANDING = STATES[1:]
 
 ITSELF = "fdd"
 """Who did what no person did."""
+OFF_DELAY_S, CHATTER_S = 60.0, 600.0
+"""Of data without evidence, after which an alarm has returned to normal; and after that, within which it is
+raised again and no new alarm made."""
 QUIET_S = 3600.0
 """Span in which re-raises are counted, and after which an alarm without any no longer chatters."""
 MOST_RERAISES = 5
@@ -135,8 +138,6 @@ class AlarmBook:
 
     Parameters
     ----------
-    off_delay : s of data without evidence after which an alarm has returned to normal.
-    chatter : s of data after that, within which it is raised again and no new alarm made.
     ids : (k, n): alarms are numbered k, k + n, k + 2 n and so on, so that n books share one store.
 
     Examples
@@ -150,10 +151,7 @@ class AlarmBook:
     'ACKED'
     """
 
-    def __init__(
-        self, off_delay: float = 60.0, chatter: float = 600.0, ids: tuple[int, int] = (1, 1)
-    ) -> None:
-        self.off_delay, self.chatter = off_delay, chatter
+    def __init__(self, ids: tuple[int, int] = (1, 1)) -> None:
         self._alarms: dict[int, Alarm] = {}
         self._next_id, self._step = ids
 
@@ -180,7 +178,7 @@ class AlarmBook:
         # same alarm until it has been quiet, however long the pauses.
         for a in list(mine.values()):
             ended = a.state == "NORMAL" and not a.chattering and a.returned_time is not None
-            if ended and a.time - (a.returned_time or 0.0) > self.chatter:
+            if ended and a.time - (a.returned_time or 0.0) > CHATTER_S:
                 del mine[a.id], self._alarms[a.id]
         live = {a.key for a in mine.values() if a.state != "NORMAL"}
         out = []
@@ -229,7 +227,7 @@ class AlarmBook:
 
     def _unseen(self, alarm: Alarm, time: float, wall: float) -> list[Transition]:
         before = alarm.state
-        if alarm.standing and time - alarm.seen >= self.off_delay:
+        if alarm.standing and time - alarm.seen >= OFF_DELAY_S:
             alarm = replace(alarm, standing=False, returned_time=time, returned_wall=wall)
             if before in ("UNACK", "ACKED"):
                 alarm = replace(alarm, state="RTNUN" if before == "UNACK" else "NORMAL")

@@ -26,7 +26,7 @@ from fdd.service.blocks import Block
 from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR
 from fdd.service.order import Order
 from fdd.service.profiles import Learning
-from fdd.service.recent import FRESH_S, LOOK_S, Recent
+from fdd.service.status import FRESH_S, LOOK_S, Recent
 from fdd.service.store import Checkpoint, Rollup, joined, parted
 from fdd.unit import Unit
 
@@ -224,7 +224,7 @@ class AxisWatch:
         time = self.pipeline.looked_at if looked else max(f.detected_s for f in fresh)
         self.standing = self.pipeline.standing
         self.probabilities, self.estimates, misfits = self.pipeline.now()
-        self.recent.look(time, self.estimates, misfits, self.probabilities)
+        self.recent.looks.append((time, self.estimates, misfits, self.probabilities))
         self._roll_up(wall)
         yield Look(time, fresh, self.standing)
         if self.learning is not None:

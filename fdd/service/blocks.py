@@ -248,15 +248,10 @@ def json_times(given: object) -> Array:
     """Times (n,) in s of a list, or of start, period and n. Raises InputError: it is neither."""
     if not isinstance(given, dict):
         return json_numbers("time", given)
-    start, period, n = given.get("start"), given.get("period"), given.get("n")
-    if (
-        not isinstance(start, int | float)
-        or not isinstance(period, int | float)
-        or not isinstance(n, int)
-        or bool in (type(start), type(period), type(n))
-        or not 1 <= n <= MOST_BLOCK_ROWS
-        or len(given) > 3
-    ):
+    values: list[Any] = [given.get(key) for key in ("start", "period", "n")]
+    start, period, n = values
+    numbers = {type(start), type(period)} <= {int, float} and type(n) is int and len(given) == 3
+    if not numbers or not 1 <= n <= MOST_BLOCK_ROWS:
         raise InputError(
             f"time is no object of start, period and n (1 to {MOST_BLOCK_ROWS})",
             mend='write "time": {"start": 12.3, "period": 0.001, "n": 100}',

@@ -12,15 +12,7 @@ from zoneinfo import ZoneInfo
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from fdd.bounds import MAX_SERVE_BYTES
-from fdd.service.config_sources import (
-    AnySource,
-    AxisName,
-    Broker,
-    ConfigPath,
-    Part,
-    Seconds,
-    source_name,
-)
+from fdd.service.config_sources import AnySource, AxisName, Broker, ConfigPath, Part, Seconds, source_name
 from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
 

@@ -117,9 +117,8 @@ class Broker(Part):
                 client.tls_set(ca, cert, key)
             except (OSError, ValueError) as error:  # ssl's own errors are OSErrors
                 where = ", ".join(path for path in (ca, cert, key) if path is not None) or self.shown
-                raise InputError(
-                    f"TLS cannot be set up ({error})", where=where, mend="check ca, cert and key"
-                ) from None
+                problem = f"TLS cannot be set up ({error})"
+                raise InputError(problem, where=where, mend="check ca, cert and key") from None
         return client
 
 

@@ -29,7 +29,7 @@ from fdd.service.life import profile_key, said_key, worked_key
 from fdd.service.profiles import Profiles
 from fdd.service.status import AxisDetail, AxisStatus, status_of
 from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
-from fdd.service.storing import Batch, Writer
+from fdd.service.storing import Batch, Targets, Writer
 
 LOG = logging.getLogger("fdd.service")
 
@@ -62,7 +62,6 @@ class Fleet:
     Parameters
     ----------
     profiles : of the axes.
-    targets : kind of event, and whether people are told, to the targets of its outbox.
     hold, learn_s : s, see `AxisWatch`. clock : Unix seconds. has : whether an axis is its own.
     ids : see `AlarmBook`.
     zone : of all axes' clock times, or of each; see `AxisStatus`.
@@ -81,7 +80,7 @@ class Fleet:
         bus: Bus,
         inbox: Inbox,
         *,
-        targets: Callable[[str, bool], Sequence[str]] = lambda kind, notify: (),
+        targets: Targets = {},  # noqa: B006 (nobody changes it)
         hold: float = 0.5,
         learn_s: float = 3600.0,
         clock: Callable[[], float] = time.time,

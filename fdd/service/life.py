@@ -25,22 +25,10 @@ HEALTHY_LEAKAGE, LEAKAGE_FACTOR = "leakage_healthy", "leakage_factor"
 LEAST_DAYS = 8
 """From which on a life is told by the day, and not by the hour."""
 MOST_ALARMS = 100_000
+profile_key, said_key, worked_key = "profile {}".format, "said {}".format, "worked {}".format
+"""Words of the store: a profile (YAML) by its SHA-256; by what name an axis's blocks call their profile; the
+journal's last row that was worked, of an axis put off."""
 _FORM = {"minute": "%Y-%m-%d %H:%M", "hour": "%Y-%m-%d %H:00", "day": "%Y-%m-%d"}
-
-
-def profile_key(sha256: str) -> str:
-    """Under which word of the store a profile (YAML) is kept."""
-    return f"profile {sha256}"
-
-
-def said_key(axis: str) -> str:
-    """Under which word of the store stands by what name an axis's blocks call their profile."""
-    return f"said {axis}"
-
-
-def worked_key(axis: str) -> str:
-    """Under which word of the store stands the journal's last row that was worked, of an axis put off."""
-    return f"worked {axis}"
 
 
 def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import zlib
 from bisect import insort
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import isnan, nan
-from operator import attrgetter
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,23 +31,7 @@ _MOST_OVERTAKEN = 5
 _COUNTS = ("received", "repeated", "late", "reordered", "missing_blocks")
 
 
-@dataclass(frozen=True, eq=False)
-class _Held:
-    """Rows that wait; sorted by sequence number, or by stamps where the sender does not count."""
-
-    key: float
-    samples: Samples
-
-    @property
-    def first(self) -> float:
-        return float(self.samples.time[0])
-
-    @property
-    def last(self) -> float:
-        return float(self.samples.time[-1])
-
-
-_KEY = attrgetter("key")
+_KEY = itemgetter(0)
 
 
 class Order:
@@ -86,7 +69,8 @@ class Order:
         self._hold = min(hold, CLOCK_BACK_S)
         self.clock, self.gaps = StreamClock(), Gaps()
         self.counts: dict[str, int] = dict.fromkeys(_COUNTS, 0)
-        self._held: list[_Held] = []
+        # Rows that wait, by sequence number, or by their first stamp where the sender does not count.
+        self._held: list[tuple[float, Samples]] = []
         # Sequence number (-1 without), checksum and first stamp of the latest blocks; where the next goes.
         self._known, self._known_next = np.full((3, _REMEMBERED), nan), 0
         self._recent = np.empty(0)
@@ -127,8 +111,8 @@ class Order:
             self._hold_by_stamps(samples)
             self._newest = last if isnan(self._newest) else max(self._newest, last)
         else:
-            self.counts["reordered"] += int(bool(self._held) and number < self._held[-1].key)
-            insort(self._held, _Held(float(number), samples), key=_KEY)
+            self.counts["reordered"] += int(bool(self._held) and number < self._held[-1][0])
+            insort(self._held, (float(number), samples), key=_KEY)
             self._newest = last
         return [*out, *self._released()]
 
@@ -139,7 +123,7 @@ class Order:
     @property
     def held_samples(self) -> int:
         """Samples that wait for ones before them."""
-        return sum(len(h.samples) for h in self._held)
+        return sum(len(rows) for _, rows in self._held)
 
     def _is_known(self, samples: Samples, number: int | None) -> bool:
         """Whether the very same block came before; it is remembered where not."""
@@ -166,7 +150,7 @@ class Order:
         if first >= self._newest - CLOCK_BACK_S:
             return False
         # A long block that was overtaken begins far back, yet ends where the newer ones begin.
-        fits = first > self._passed if not isnan(self._passed) else last >= self._held[0].first - self._hold
+        fits = first > self._passed if not isnan(self._passed) else last >= self._held[0][0] - self._hold
         return not (fits and last - first > self._hold)
 
     def _hold_by_stamps(self, samples: Samples) -> None:
@@ -181,42 +165,42 @@ class Order:
         if not len(samples):
             return
         first, last = float(samples.time[0]), float(samples.time[-1])
-        touching = [h for h in self._held if h.first <= last and h.last >= first]
+        touching = [h for h in self._held if h[0] <= last and h[1].time[-1] >= first]
         if touching:
             self._held = [h for h in self._held if h not in touching]
-            time, columns = _joined([*(h.samples for h in touching), samples])
+            time, columns = _joined([*(rows for _, rows in touching), samples])
             stamps, rows = np.unique(time, return_index=True)
             samples = Samples(stamps, {n: v[rows] for n, v in columns.items()})
             self.counts["repeated"] += time.size - stamps.size
-        insort(self._held, _Held(float(samples.time[0]), samples), key=_KEY)
+        insort(self._held, (float(samples.time[0]), samples), key=_KEY)
 
     def _released(self, *, everything: bool = False) -> list[Samples]:
         """What need not wait any longer, and is not held any more."""
         out = []
         while self._held and (everything or self._is_due()):
-            head = self._held.pop(0)
+            key, samples = self._held.pop(0)
             if self._counted:
-                self._give_up(head.key)
-                self._expected = max(head.key + 1.0, self._expected)  # not back: two senders may count alike
+                self._give_up(key)
+                self._expected = max(key + 1.0, self._expected)  # not back: two senders may count alike
             else:
-                self._recent = np.concatenate([self._recent, head.samples.time])[-_RECENT:]
-            self._passed = head.last
-            out.append(head.samples)
+                self._recent = np.concatenate([self._recent, samples.time])[-_RECENT:]
+            self._passed = float(samples.time[-1])
+            out.append(samples)
         return out
 
     def _is_due(self) -> bool:
-        head = self._held[0]
+        key, samples = self._held[0]
         if not self._counted:
-            return self._newest - head.last >= self._hold
-        if head.key <= self._expected or (isnan(self._expected) and head.key == 0.0):
+            return bool(self._newest - samples.time[-1] >= self._hold)
+        if key <= self._expected or (isnan(self._expected) and key == 0.0):
             return True
         return len(self._held) > MOST_HELD_BLOCKS or self._held_seconds() > self._hold
 
     def _held_seconds(self) -> float:
         """Data held, s, in the order of numbers; a clock that was set in between does not count."""
-        steps = np.diff([h.first for h in self._held])
+        steps = np.diff([rows.time[0] for _, rows in self._held])
         plain = (steps > 0.0) & (steps < CLOCK_AHEAD_S)
-        return float(steps[plain].sum()) + self._held[-1].samples.duration
+        return float(steps[plain].sum()) + self._held[-1][1].duration
 
     def _give_up(self, number: float) -> None:
         """Wait no longer for the blocks before one; before a stream's first none is known to be missing."""
@@ -245,8 +229,8 @@ class Order:
         numbers = [float(getattr(owner, name)) for owner, name in self._numbers()]
         held = {
             f"order/held/{k}/{name}": values
-            for k, h in enumerate(self._held)
-            for name, values in {"key": np.array(h.key), "time": h.samples.time, **h.samples.columns}.items()
+            for k, (key, rows) in enumerate(self._held)
+            for name, values in {"key": np.array(key), "time": rows.time, **rows.columns}.items()
         }
         return held | {
             "order/numbers": np.array(numbers),
@@ -271,7 +255,7 @@ class Order:
             for key, values in state.items():
                 if key.startswith("order/held/"):
                     held.setdefault(key.split("/")[2], {})[key.split("/", 3)[3]] = values
-            self._held = [_Held(float(h.pop("key")), Samples(h.pop("time"), h)) for h in held.values()]
+            self._held = [(float(h.pop("key")), Samples(h.pop("time"), h)) for h in held.values()]
         except (KeyError, ValueError, TypeError, IndexError) as error:
             raise InputError(f"no state of an order ({type(error).__name__})", mend="start anew") from None
 

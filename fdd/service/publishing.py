@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+import queue
 import socket
 import threading
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from paho.mqtt.reasoncodes import ReasonCode
 
 from fdd.errors import InputError
 from fdd.monitor.clock import WallClock
@@ -66,23 +67,22 @@ def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], sto
     # Made before the first is sent: it takes longer than sending.
     messages = [(when, topic.replace("{axis}", block.axis), encode_arrow(block)) for when, block in sent]
     client = broker.client(broker.client_id or f"fdd-publish-{socket.gethostname()}-{os.getpid()}")
-    answered, moved, refused, taken = threading.Event(), threading.Event(), "", 0
+    connected: queue.Queue[ReasonCode] = queue.Queue()
+    taken: queue.Queue[ReasonCode] = queue.Queue()
+    client.on_connect = lambda client, data, flags, reason, more: connected.put(reason)
+    client.on_publish = lambda client, data, number, reason, more: taken.put(reason)
+
+    def refusal(answers: queue.Queue[ReasonCode]) -> str:
+        """Why the broker refuses what it answers next; "" where it does not."""
+        try:
+            reason = answers.get(timeout=ANSWER_S)
+        except queue.Empty:
+            return "no answer"
+        return reason.getName() if reason.is_failure else ""
 
     def failure(problem: str, mend: str) -> InputError:
         return InputError(problem, where=broker.shown, mend=mend)
 
-    def connected(client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
-        nonlocal refused
-        refused = reason.getName() if reason.is_failure else ""
-        answered.set()
-
-    def acknowledged(client: Any, data: Any, number: Any, reason: Any, more: Any) -> None:
-        nonlocal taken, refused
-        taken += 1
-        refused = reason.getName() if reason.is_failure else refused
-        moved.set()
-
-    client.on_connect, client.on_publish = connected, acknowledged
     try:
         client.connect(broker.host, broker.chosen_port, broker.keepalive)
     except OSError as error:
@@ -90,8 +90,8 @@ def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], sto
         raise failure(problem, "check host and port") from None
     client.loop_start()
     try:
-        if not answered.wait(ANSWER_S) or refused:
-            problem = f"the broker refuses the connection ({refused or 'no answer'})"
+        if refused := refusal(connected):
+            problem = f"the broker refuses the connection ({refused})"
             raise failure(problem, "check the user and its password")
         clock = WallClock(stop)
         begun = clock.now()
@@ -100,14 +100,13 @@ def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], sto
             if stop.is_set():
                 return
             client.publish(place, payload, qos=1)
-        while taken < len(messages) and not stop.is_set():
-            moved.clear()
-            if taken < len(messages) and not moved.wait(ANSWER_S):
-                refused = refused or "no answer"
-                break
-        if refused:
-            problem = f"the broker took {taken} of {len(messages)} blocks ({refused})"
-            raise failure(problem, "give this user the right to publish there")
+        for number in range(len(messages)):
+            refused = refusal(taken)
+            if stop.is_set():
+                return
+            if refused:
+                problem = f"the broker took {number} of {len(messages)} blocks ({refused})"
+                raise failure(problem, "give this user the right to publish there")
     finally:
         client.disconnect()
         client.loop_stop()

@@ -13,18 +13,18 @@ from typing import IO, Any
 
 from fdd.engines import Engine
 from fdd.errors import InputError
-from fdd.service.alarms import STATES
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
-from fdd.service.http import Hub, Server, Tokens, web
-from fdd.service.outputs import Metrics, Outputs
+from fdd.service.http.app import Server
+from fdd.service.http.tokens import Tokens
+from fdd.service.outputs.delivery import Outputs
+from fdd.service.outputs.metrics import Metrics
 from fdd.service.shards import Shards
 from fdd.service.store import Store, StoreTrouble
 from fdd.service.watch import Watch, check
 
 LOG = logging.getLogger("fdd.service")
 COMPACT_S = 3600.0
-DAY_S = 86400.0
 STOP_S = 20.0
 LOOK_S = 5.0
 AGAIN_S = 5.0
@@ -40,7 +40,8 @@ class Service:
 
     Attributes
     ----------
-    address : what a browser opens.
+    address : what a browser opens. tokens : who may call; None lets everybody in as admin.
+    metrics : the text and its type for Prometheus's Accept header.
 
     Raises
     ------
@@ -49,29 +50,20 @@ class Service:
 
     def __init__(self, config: Serve, engine: Engine = "local") -> None:
         check(config)
-        self._config = config
+        self.config = config
         self._failure: Exception | None = None
         self._known: set[str] = set()
         self._alone = _only_one(config.state)
-        self._store = _opened(config.store_url)
-        self._bus = Bus()
+        self.store, self.bus = _opened(config.store_url), Bus()
         # With Ray each shard records by itself: the samples are there.
         ray = engine == "ray"
         outputs = config.outputs.model_copy(update={"recording": None}) if ray else config.outputs
-        self._outputs = Outputs(outputs, self._store, self._bus, lambda axis: self.fleet.profile_of(axis))
+        self._outputs = Outputs(outputs, self.store, self.bus, lambda axis: self.fleet.profile_of(axis))
         watching: type[Watch | Shards] = Shards if ray else Watch
-        self.fleet = watching(config, self._store, self._bus, self._outputs.targets)
-        self._hub = Hub(self._bus)
-        tokens = None if config.tokens is None else Tokens.load(config.tokens)
-        metrics = Metrics(
-            self.fleet.axes, lambda: self._store.alarms(STATES[1:]), self._outputs.status,
-            self.fleet.sources, lambda: self.fleet.store_errors,
-        )  # fmt: skip
-        app = web(
-            fleet=self.fleet, store=self._store, hub=self._hub, health=self.health, metrics=metrics,
-            tokens=tokens, hosts=config.listen.names, secure=config.listen.tls is not None,
-        )  # fmt: skip
-        self._server = Server(app, config.listen)
+        self.fleet = watching(config, self.store, self.bus, self._outputs.targets)
+        self.tokens = None if config.tokens is None else Tokens.load(config.tokens)
+        self.metrics = Metrics(self.fleet, self.store, self._outputs)
+        self._server = Server(self)
         self.address = self._server.address
 
     def health(self) -> dict[str, Any]:
@@ -96,9 +88,8 @@ class Service:
         has taken over, or a fault of fdd. Whoever started it sees a status that is not 0.
         """
         worker = threading.Thread(target=self._work, args=(stop,), name="fleet", daemon=True)
-        self._hub.stop = stop
         self._outputs.start(stop)
-        serving = self._server.start(stop)
+        self._server.start()
         worker.start()
         try:
             while worker.is_alive() and not self.fleet.began.wait(0.05):
@@ -113,10 +104,10 @@ class Service:
                     self._compact()
         finally:
             stop.set()
+            self._server.stop()
             worker.join(STOP_S)
             self._outputs.join(STOP_S)
-            serving.join(STOP_S)
-            self._store.close()
+            self.store.close()
             self._alone.close()
         if self._failure is not None:
             raise self._failure
@@ -142,12 +133,8 @@ class Service:
             stop.set()
 
     def _compact(self) -> None:
-        kept = self._config.retention
-        findings = None if kept.findings is None else kept.findings * DAY_S
         try:
-            gone = self._store.compact(
-                time.time(), minutes=kept.minutes * DAY_S, hours=kept.hours * DAY_S, findings=findings
-            )
+            gone = self.store.compact(time.time(), **self.config.retention.model_dump())
         except InputError as error:
             LOG.warning("not compacted: %s", error)
         else:

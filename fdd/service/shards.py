@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import socket
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,10 @@ from fdd.service.config import Outputs as OutputsConfig
 from fdd.service.config import Serve
 from fdd.service.config_sources import MqttSource, source_name
 from fdd.service.fleet import ACT_S
-from fdd.service.outputs import Outputs
+from fdd.service.outputs.delivery import Outputs
 from fdd.service.status import AxisDetail, AxisStatus
 from fdd.service.store import LeaseLost, Store, StoreTrouble
+from fdd.service.storing import Targets
 from fdd.service.watch import Share, Watch
 
 LOG = logging.getLogger("fdd.service")
@@ -56,13 +57,11 @@ class Shard:
     Parameters
     ----------
     folder : that relative paths start from. config : of this shard. leases : those of the service.
-    targets : kind of event, and whether people are told, to the targets of its outbox.
     """
 
     def __init__(
-        self, folder: str, config: Serve, share: Share, leases: Mapping[str, str],
-        targets: Mapping[tuple[str, bool], Sequence[str]],
-    ) -> None:  # fmt: skip
+        self, folder: str, config: Serve, share: Share, leases: Mapping[str, str], targets: Targets
+    ) -> None:
         logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO)
         self._config, self._share, self._leases, self._targets = config, share, leases, targets
         self._bus, self._stop = Bus(), threading.Event()
@@ -93,8 +92,7 @@ class Shard:
             # From here on nobody else writes what this shard reads next.
             store.claim(f"shard {self._share.number}")
             outputs = Outputs(self._config.outputs, store, self._bus, lambda axis: watch.profile_of(axis))
-            targets = lambda kind, notify: self._targets[kind, notify]  # noqa: E731
-            watch = self._watch = Watch(self._config, store, self._bus, targets, self._share)
+            watch = self._watch = Watch(self._config, store, self._bus, self._targets, self._share)
             outputs.start(ended)
             try:
                 watch.run(self._stop)
@@ -135,20 +133,17 @@ class Shards:
     Parameters
     ----------
     config : the file. store : with the service's lease; shards open it by its URL. bus : is told what the
-        shards tell. targets : see `Fleet`.
+        shards tell.
 
     Raises
     ------
     InputError : a source that cannot be read in shards, or no Ray.
     """
 
-    def __init__(
-        self, config: Serve, store: Store, bus: Bus, targets: Callable[[str, bool], Sequence[str]]
-    ) -> None:
+    def __init__(self, config: Serve, store: Store, bus: Bus, targets: Targets) -> None:
         self._store, self._bus = store, bus
         self._shares = [Share(number, config.shards) for number in range(config.shards)]
         parts = [part_of(config, share) for share in self._shares]
-        told = {(kind, n): list(targets(kind, n)) for kind in ("alarm", "finding") for n in (True, False)}
         self._ray, self._began = connected(log_to_driver=True)
         # A call is not repeated by Ray: nothing is done to an alarm behind the back of who gave up waiting.
         actor = self._ray.remote(Shard).options(
@@ -156,7 +151,7 @@ class Shards:
             scheduling_strategy="SPREAD",
         )  # fmt: skip
         self._actors = [
-            actor.remote(str(Path.cwd()), part, share, store.leases, told)
+            actor.remote(str(Path.cwd()), part, share, store.leases, targets)
             for part, share in zip(parts, self._shares, strict=True)
         ]
         self._news: dict[int, News] = {}  # of the shards that are there

@@ -1,23 +1,53 @@
-"""How an axis stands, as the page, the metrics and the buses are told."""
+"""How an axis stands and what it looked like lately, as the page, the metrics and the buses are told."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 from zoneinfo import ZoneInfo
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from fdd.diagnosis.findings import Estimate, FaultFinding
 from fdd.faults import fault
+from fdd.samples import CHANNELS, Samples
 from fdd.service.alarms import PRIORITIES, Alarm, Priority
-from fdd.service.axis import AxisWatch
-from fdd.service.recent import Bands, Series
+
+if TYPE_CHECKING:
+    from fdd.service.axis import AxisWatch
 
 SILENT_S = 10.0
 """s without a sample after which an axis is told to be silent."""
 AxisState = Literal["learning", "healthy", "in alarm", "unacknowledged", "silent", "failed"]
+SPAN_S = 600.0
+LOOK_S = 5.0
+BAND_S = 1.2
+"""Stretches of which least and largest are kept: five hundred of them are what a picture has room for."""
+FRESH_S = 30 * 86400.0
+"""s by which a stamp may differ from the time of day, and yet count as one; else it is from any start."""
+Numbers = list[float | None]
+_NAMES = tuple(name for name in CHANNELS if name != "time")
+_Floats = NDArray[np.float32]
+
+
+class Series(BaseModel):
+    """Quantities over the stream's time (s), SI; `std` where there is one."""
+
+    time: list[float] = []
+    values: dict[str, Numbers] = {}
+    std: dict[str, Numbers] = {}
+
+
+class Bands(BaseModel):
+    """Signals over the stream's time (s), SI: least and largest of each stretch."""
+
+    time: list[float] = []
+    low: dict[str, Numbers] = {}
+    high: dict[str, Numbers] = {}
 
 
 class AxisStatus(BaseModel):
@@ -126,14 +156,72 @@ def _headline(watch: AxisWatch, live: Sequence[Alarm], silent: bool, zone: str |
 
 
 def _clock_time(wall: float | None, zone: str | None) -> str:
-    """A Unix time as a clock in a zone shows it.
-
-    Examples
-    --------
-    >>> _clock_time(1.7e9, "Europe/Berlin")
-    '2023-11-14 23:13:20 CET'
-    """
+    """A Unix time as a clock in a zone shows it."""
     if wall is None:
         return "the service began"
     place = None if zone is None else ZoneInfo(zone)
     return f"{datetime.fromtimestamp(wall, UTC).astimezone(place):%Y-%m-%d %H:%M:%S %Z}"
+
+
+class Recent:
+    """What is kept of an axis for its page.
+
+    Attributes
+    ----------
+    looks : of each look time, estimates, misfits of the balances and probabilities of the families.
+    """
+
+    def __init__(self) -> None:
+        self.looks: deque[tuple[float, dict[str, Estimate], dict[str, float], dict[str, float]]]
+        self.looks = deque(maxlen=round(SPAN_S / LOOK_S))
+        # Number of the stretch, least and largest.
+        self._bands: deque[tuple[int, _Floats, _Floats]] = deque(maxlen=round(SPAN_S / BAND_S))
+
+    def add(self, samples: Samples) -> None:
+        """Take samples that follow the last ones."""
+        if not len(samples):
+            return
+        place = np.floor(samples.time / BAND_S).astype(np.int64)
+        starts = np.flatnonzero(np.diff(place, prepend=place[0] - 1))
+        values = np.full((len(_NAMES), len(samples)), np.nan, dtype=np.float32)
+        for k, name in enumerate(_NAMES):
+            if name in samples:
+                values[k] = samples[name]
+        low = np.fmin.reduceat(values, starts, axis=1)
+        high = np.fmax.reduceat(values, starts, axis=1)
+        for k, band in enumerate(place[starts].tolist()):
+            one, other = low[:, k], high[:, k]
+            if self._bands and self._bands[-1][0] == band:
+                _, before, after = self._bands.pop()
+                one, other = np.fmin(before, one), np.fmax(after, other)
+            self._bands.append((band, one, other))
+
+    def drawn(self) -> dict[str, Any]:
+        """Estimates, misfits of the balances and probabilities of the families (`Series`), and signals."""
+        times = [look[0] for look in self.looks]
+        names = self.looks[-1][1] if self.looks else ()
+        low, high = (np.array([b[k] for b in self._bands]).reshape(-1, len(_NAMES)).T for k in (1, 2))
+        seen = [k for k in range(len(_NAMES)) if np.isfinite(low[k]).any()]
+        return {
+            "estimates": Series(
+                time=times,
+                values={name: [look[1][name].held for look in self.looks] for name in names},
+                std={name: [look[1][name].held_std for look in self.looks] for name in names},
+            ),
+            "misfits": _series(times, [look[2] for look in self.looks]),
+            "probabilities": _series(times, [look[3] for look in self.looks]),
+            "signals": Bands(
+                time=[band * BAND_S for band, _, _ in self._bands],
+                low={_NAMES[k]: _numbers(low[k]) for k in seen},
+                high={_NAMES[k]: _numbers(high[k]) for k in seen},
+            ),
+        }
+
+
+def _series(times: list[float], rows: Sequence[Mapping[str, float]]) -> Series:
+    names = dict.fromkeys(name for row in rows for name in row)
+    return Series(time=times, values={n: [r.get(n) for r in rows] for n in names})
+
+
+def _numbers(column: _Floats) -> Numbers:
+    return [None if np.isnan(v) else float(v) for v in column]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -19,6 +19,8 @@ from fdd.service.store import LeaseLost, Store, Transaction
 LOG = logging.getLogger("fdd.service")
 BACKOFF_S = (0.1, 5.0)
 """First and longest wait before a store that failed is tried again."""
+Targets = Mapping[tuple[Kind, bool], Sequence[str]]
+"""Kind of event, and whether people are told, to the targets of its outbox."""
 
 
 @dataclass
@@ -27,11 +29,10 @@ class Batch:
 
     Attributes
     ----------
-    targets : kind of event, and whether people are told, to the targets of its outbox. wall : Unix seconds.
-    put_off : axes of the journal whose blocks are worked later.
+    wall : Unix seconds. put_off : axes of the journal whose blocks are worked later.
     """
 
-    targets: Callable[[str, bool], Sequence[str]]
+    targets: Targets
     wall: float
     journal: list[tuple[str, bytes]] = field(default_factory=list)
     put_off: set[str] = field(default_factory=set)
@@ -47,7 +48,7 @@ class Batch:
 
     def told(self, kind: Kind, axis: str, when: float, body: dict[str, Any], notify: bool = True) -> None:
         """What must arrive goes through the outbox, and is told at once to whom listens."""
-        for target in self.targets(kind, notify):
+        for target in self.targets.get((kind, notify), ()):
             send = partial(Transaction.send, kind=kind, body=body, target=target, wall=self.wall)
             self.writes.append(send)
         self.events.append(Event(kind, axis, when, body))

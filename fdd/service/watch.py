@@ -6,7 +6,6 @@ import gc
 import hashlib
 import ssl
 import threading
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,10 +19,12 @@ from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.config_sources import read_secret
 from fdd.service.fleet import Fleet
+from fdd.service.http.tokens import Tokens
 from fdd.service.inbox import Inbox
 from fdd.service.profiles import Profiles
 from fdd.service.sources import open_source
 from fdd.service.store import Store
+from fdd.service.storing import Targets
 from fdd.unit import Unit
 
 GC_THRESHOLD = 50_000
@@ -54,7 +55,7 @@ class Watch(Fleet):
 
     Parameters
     ----------
-    config : the file. targets : see `Fleet`. share : the axes that are watched.
+    config : the file. share : the axes that are watched.
 
     Raises
     ------
@@ -66,9 +67,8 @@ class Watch(Fleet):
     """
 
     def __init__(
-        self, config: Serve, store: Store, bus: Bus, targets: Callable[[str, bool], Sequence[str]],
-        share: Share = Share(),
-    ) -> None:  # fmt: skip
+        self, config: Serve, store: Store, bus: Bus, targets: Targets, share: Share = Share()
+    ) -> None:
         inbox = Inbox(config.limits.inbox_seconds, config.limits.inbox_bytes)
         super().__init__(
             Profiles(config.units, config.fallback), Model.load(config.model), store, bus, inbox,
@@ -124,8 +124,6 @@ def check(config: Serve) -> None:
     Raises InputError: the first one that cannot be used: a profile, model, map, log, secret, certificate or
     folder.
     """
-    from fdd.service.http import Tokens  # here: shards need no HTTP
-
     require_writable(config.state, folder=True)
     Profiles(config.units, config.fallback)
     if isinstance(config.units, Path):

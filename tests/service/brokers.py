@@ -1,19 +1,20 @@
-"""A real broker for tests; they skip where mosquitto is not there."""
+"""A real broker for tests, and a client of it; they skip where mosquitto is not there."""
 
 from __future__ import annotations
 
-import os
-import shutil
 import signal
 import socket
 import subprocess
+import threading
 from pathlib import Path
+from typing import Any
 
+import paho.mqtt.client as paho
 import pytest
 
-from tests.service.senders import free_port, until
+from reports.service import MOSQUITTO, free_port
+from tests.service.senders import until
 
-MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 needs_mosquitto = pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here")
 
 
@@ -44,3 +45,31 @@ class Broker:
     def _listens(self) -> bool:
         with socket.socket() as probe:
             return probe.connect_ex(("127.0.0.1", self.port)) == 0
+
+
+class Client:
+    """Publishes at QoS 1, and notes what comes of the topics that it listens to."""
+
+    def __init__(self, broker: Broker, listens: str = "", **session: Any) -> None:
+        self.came: list[paho.MQTTMessage] = []
+        self._client = client = paho.Client(paho.CallbackAPIVersion.VERSION2, **session)
+        client.reconnect_delay_set(0.1, 0.2)  # type: ignore[arg-type]
+        client.max_inflight_messages_set(10)
+        subscribed = threading.Event()
+        client.on_subscribe = lambda *told: subscribed.set()
+        client.on_message = lambda c, data, message: self.came.append(message)
+        client.on_connect = lambda c, *told: c.subscribe(listens, qos=1) if listens else None
+        client.connect("127.0.0.1", broker.port)
+        client.loop_start()
+        assert not listens or subscribed.wait(60.0), "else what is not retained may come before it listens"
+
+    def publish(self, topic: str, payload: bytes, **more: Any) -> paho.MQTTMessageInfo:
+        return self._client.publish(topic, payload, **{"qos": 1, **more})
+
+    def of(self, topic: str) -> list[tuple[bytes, bool]]:
+        """Payloads of a topic, and whether each was retained."""
+        return [(m.payload, m.retain) for m in self.came if m.topic == topic]
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from fdd.diagnosis.findings import FaultFinding
 from fdd.service.alarms import Action, Alarm, AlarmBook, Transition
 from fdd.service.bus import Bus, Event
 from fdd.service.config import Listen
-from fdd.service.http import Hub, Server, Tokens, new_token, web
+from fdd.service.http.app import Server, web
+from fdd.service.http.tokens import Tokens, new_token
 from fdd.service.status import AxisDetail, AxisStatus, Bands, Series
 from fdd.service.store import Store
 
@@ -130,16 +132,17 @@ def made_up() -> World:
     return world
 
 
-def app_of(world: World, hub: Hub | None = None, **given: Any) -> Any:
+def service_of(world: World, tokens: Tokens | None = None, **listen: Any) -> Any:
     metrics = lambda accept: (b"fdd_axes 2\n", "text/plain; version=0.0.4; charset=utf-8")  # noqa: E731
-    return web(
-        fleet=world, store=world.store, hub=hub or Hub(world.bus), health=lambda: world.health,
-        metrics=metrics, **given,
+    return SimpleNamespace(
+        fleet=world, store=world.store, bus=world.bus, health=lambda: world.health, metrics=metrics,
+        tokens=tokens, config=SimpleNamespace(listen=Listen(**{"port": 0, **listen})),
     )  # fmt: skip
 
 
 def client_of(world: World, **given: Any) -> TestClient:
-    return TestClient(app_of(world, **given), base_url="http://127.0.0.1:8080", raise_server_exceptions=False)
+    app = web(service_of(world, **given), threading.Event())
+    return TestClient(app, base_url="http://127.0.0.1:8080", raise_server_exceptions=False)
 
 
 def three_tokens() -> tuple[Tokens, dict[str, str]]:
@@ -153,13 +156,9 @@ def bearer(token: str) -> dict[str, str]:
 
 @contextmanager
 def on_a_port(world: World, **given: Any) -> Iterator[Server]:
-    stop, hub = threading.Event(), Hub(world.bus)
-    server = Server(app_of(world, hub, **given), Listen(port=0))
-    hub.stop = stop
-    thread = server.start(stop)
+    server = Server(service_of(world, **given))
+    server.start()
     try:
         yield server
     finally:
-        stop.set()
-        thread.join(15)
-        assert not thread.is_alive()
+        assert server.stop(15)

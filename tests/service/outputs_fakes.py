@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from fdd.samples import Samples
@@ -15,17 +14,9 @@ def message(kind: str, body: dict[str, Any], target: str = "t", id: int = 7) -> 
     return OutboxMessage(id, kind, body, target, 0)
 
 
-def opened(folder: Path) -> Store:
-    return Store(f"sqlite:///{folder}/outbox.db")
-
-
 def sent(store: Store, kind: str, body: Mapping[str, Any], target: str) -> int:
     with store.transaction() as t:
         return t.send(kind, body, target, 1.7e9)
-
-
-def event(kind: Any, axis: str, time: float, data: dict[str, Any]) -> Event:
-    return Event(kind, axis, time, data)
 
 
 def measured(axis: str, samples: Samples) -> Event:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -21,13 +20,6 @@ def until(done: Callable[[], Any], seconds: float = 120.0) -> Any:
         assert time.monotonic() < end, "it did not come about in time"
         time.sleep(0.02)
     return found
-
-
-def free_port() -> int:
-    """A port of this machine that nobody listens on."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return int(one.getsockname()[1])
 
 
 def a_block(number: int, axis: str = "A1", *, rows: int = 10, seed: int = 0) -> Block:

@@ -14,18 +14,13 @@ import pytest
 from sqlalchemy import create_engine, text
 
 from fdd.diagnosis.findings import FaultFinding
-from tests.service.senders import free_port
+from reports.service import free_port
 
 WALL = 1_700_000_000.0
 LEAK = FaultFinding(
     fault="pump_wear", family="leakage", ambiguity=["pump_wear"], confidence=0.9, onset_s=3.0,
     detected_s=15.0, severity=0.6, severity_interval=(0.5, 0.7),
 )  # fmt: skip
-
-
-def blocks_of(axis: str, payloads: list[bytes]) -> list[tuple[str, bytes]]:
-    """As a transaction accepts them."""
-    return [(axis, payload) for payload in payloads]
 
 
 PATH = os.pathsep.join([os.environ.get("PATH", ""), *map(str, Path("/usr/lib/postgresql").glob("*/bin"))])

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from stores import postgres_url
-from watched import RECEIVED, ROWS, blocks_of, fleet_of, leaking, send
+from watched import RECEIVED, ROWS, blocks_of, fleet_of, leaking, send, working
 
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -184,15 +184,7 @@ def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(kind: str, 
 def test_what_people_do_is_stored_before_they_are_answered(store: Store, log: Samples) -> None:
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(log))
-    stop = threading.Event()
-
-    def work() -> None:
-        while not stop.is_set():
-            fleet.step(0.01, stop)
-
-    worker = threading.Thread(target=work)
-    worker.start()
-    try:
+    with working(fleet):
         done = fleet.act(Action("acknowledge", 1, "ann", "on my way"))
         assert done.alarm.state == "ACKED"
         (alarm,) = store.alarms()
@@ -202,9 +194,6 @@ def test_what_people_do_is_stored_before_they_are_answered(store: Store, log: Sa
             fleet.act(Action("acknowledge", 1, "ann"))
         with pytest.raises(InputError, match="alarm 99 is over"):
             fleet.act(Action("acknowledge", 99, "ann"))
-    finally:
-        stop.set()
-        worker.join()
 
 
 def test_a_store_that_fails_is_tried_again_and_nothing_accepted_meanwhile(
@@ -246,7 +235,7 @@ def test_a_store_whose_answer_is_lost_has_nothing_twice(
 
     def worked(url: str) -> tuple[Any, ...]:
         store = Store(url)
-        fleet, inbox, _ = fleet_of(store, targets=lambda kind, notify: ["there"])
+        fleet, inbox, _ = fleet_of(store, targets={(kind, True): ["there"] for kind in ("alarm", "finding")})
         send(fleet, inbox, blocks_of(log)[:370])
         fleet.keep()
         sums = [r["n"] for r in store.rollups("A1", "leakage", "minute")]

@@ -1,20 +1,21 @@
-"""Which axes a fleet watches, by which profiles, and which it refuses, forgets or lets go."""
+"""Which axes a fleet watches, by which profiles, which it lets go, and what it keeps of their blocks."""
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from watched import blocks_of, fleet_of, send
+from watched import blocks_of, fleet_of, send, working
 
 import fdd
 from fdd.diagnosis.model import Model
 from fdd.logs import read_log
 from fdd.samples import PRESSURES, Samples
+from fdd.service.arrow import arrow_payload
 from fdd.service.axis import AxisWatch
+from fdd.service.blocks import Block, Decoder
 from fdd.service.bus import Bus
 from fdd.service.fleet import Fleet
 from fdd.service.inbox import Inbox
@@ -96,14 +97,10 @@ def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> N
     send(fleet, inbox, blocks_of(log))
     fleet.keep()
     assert store.alarms()[0]["state"] == "UNACK" and store.rollups("A1", "leakage", "minute")
-    asked = threading.Thread(target=fleet.remove, args=("A1", "ann"))
-    asked.start()
-    while asked.is_alive():
-        fleet.step(0.01)
-    with pytest.raises(KeyError):
-        worker = threading.Thread(target=lambda: [fleet.step(0.1) for _ in range(5)])
-        worker.start()
-        fleet.remove("A2", "ann")
+    with working(fleet):
+        fleet.remove("A1", "ann")
+        with pytest.raises(KeyError):
+            fleet.remove("A2", "ann")
     assert fleet.axes() == [] == store.axes() and store.checkpoint("A1") is None
     assert not store.journal("A1") and not store.rollups("A1", "leakage", "minute")
     assert store.alarms()[0]["state"] == "NORMAL"
@@ -112,7 +109,6 @@ def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> N
         ("REMOVED", "ann"),
     ]
     assert [heard.get().data, heard.get().data][1] == {"removed": True}  # type: ignore[union-attr]
-    worker.join()
     again, inbox, _ = fleet_of(store)
     assert again.axes() == []
     send(again, inbox, blocks_of(log.rows(0, 1000)))
@@ -174,3 +170,49 @@ def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store) -> 
     again, _, _ = fleet_of(store, learn_s=30.0)
     assert "balances" in str(again.profile_of("A1")), "and not forgotten"
     assert not store.alarms()
+
+
+def message(block: Block, **more: object) -> bytes:
+    """Without its axis, which the topic tells."""
+    head = {"schema": "fdd.block/1", "sequence": block.sequence, **more}
+    return arrow_payload({"time": block.samples.time, **block.samples.columns}, head)
+
+
+def test_a_message_is_kept_as_it_came_and_worked_again_from_there(store: Store, log: Samples) -> None:
+    messages = [message(block) for block in blocks_of(log)[:32]]
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, [Decoder().decode(m, axis="A1") for m in messages])
+    kept = [payload for _, payload in store.journal("A1")]
+    assert kept and kept == messages[-len(kept) :]
+    again, _, _ = fleet_of(store)
+    again.keep()
+    assert again.axes()[0].samples == 3200
+
+
+def test_a_message_that_says_more_than_its_samples_is_not_kept_as_it_came(log: Samples) -> None:
+    block = blocks_of(log)[0]
+    fat = message(block, note="x" * 100_000)
+    stray = arrow_payload(
+        {"time": block.samples.time, **block.samples.columns, "stray": block.samples.time},
+        {"schema": "fdd.block/1"},
+    )
+    assert Decoder().decode(message(block), axis="A1").payload is not None
+    for given in (fat, stray):
+        decoded = Decoder().decode(given, axis="A1")
+        assert decoded.payload is None and np.array_equal(decoded.samples.time, block.samples.time)
+
+
+def test_blocks_of_many_axes_in_one_step_are_all_there_after_a_restart(store: Store, log: Samples) -> None:
+    fleet, inbox, _ = fleet_of(store)
+    both = zip(blocks_of(log, "A1")[:33], blocks_of(log, "B2")[:33], strict=True)
+    for number, (one, other) in enumerate(both):
+        inbox.put(one)
+        if number % 3:  # not in every step
+            inbox.put(other)
+        fleet.step(0.0)
+    again, _, _ = fleet_of(store)
+    again.keep()
+    quality = {s.name: s.quality for s in again.axes()}
+    held = {name: watch.order.held_samples for name, watch in again._axes.items()}
+    assert {s.name: s.samples + held[s.name] for s in again.axes()} == {"A1": 3300, "B2": 2200}
+    assert quality["A1"]["missing_blocks"] == 0 and quality["B2"]["missing_blocks"] == 8, "two may still come"

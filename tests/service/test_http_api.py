@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import sqlite3
 import time
 from pathlib import Path
 
@@ -42,7 +41,7 @@ def answered(document: dict, path: str, body: object) -> None:
     [
         ("/api/axes", "/api/axes"),
         ("/api/axes/{name}", "/api/axes/F7/aileron-R"),
-        ("/api/axes/{name}", "/api/axes/F7%2Faileron-R?points=50"),
+        ("/api/axes/{name}", "/api/axes/F7%2Faileron-R"),
         ("/api/axes/{name}/trend", "/api/axes/F7%2Faileron-R/trend?quantity=leakage&level=day"),
         ("/api/alarms", "/api/alarms"),
         ("/api/alarms", "/api/alarms?state=all"),
@@ -136,7 +135,6 @@ def test_the_stores_trouble_is_told_and_passes(client: TestClient, world: World)
         ("/api/axes/F7%2Frudder/trend?level=second", 400),
         ("/api/axes/F7%2Frudder/trend?since=x", 400),
         ("/api/axes/F7%2Frudder/trend?since=nan", 400),
-        ("/api/axes/F7%2Frudder?points=1e9", 400),
         ("/api/axes/F7%2Frudder/trend?quantity=a'%20or%201", 400),
         ("/api/alarms?limit=-1", 400),
     ],
@@ -163,18 +161,6 @@ def test_not_a_number_is_null(client: TestClient, world: World) -> None:
     world.details["F7/rudder"].misfits.values["volume"][0] = math.nan
     found = client.get("/api/axes/F7%2Frudder").json()
     assert found["misfits"]["values"]["volume"][0] is None
-
-
-def test_an_alarm_of_a_state_that_is_no_more_comes_back(world: World) -> None:
-    """A store of before has alarms that were out of service: they are told again, or over."""
-    path = Path(world.store.where)
-    with sqlite3.connect(path) as other:
-        other.execute("UPDATE alarm SET state = 'OUT_OF_SERVICE', body = "
-                      "json_set(body, '$.state', 'OUT_OF_SERVICE') WHERE id = 4")  # fmt: skip
-    world.book.restore(world.store.book())
-    assert [(t.alarm.id, t.action, t.alarm.state) for t in world.book.tick(time.time())] == [
-        (4, "UNSHELVED", "UNACK")
-    ]
 
 
 def test_the_page_is_whole_and_asks_nobody_else(client: TestClient) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from fdd.service.bus import Event
-from fdd.service.http import Server
+from fdd.service.http.app import Server
 from fdd.service.status import Bands, Series
 from tests.service.browser import Browser
 from tests.service.fake import World, made_up, on_a_port, three_tokens

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import shutil
@@ -12,19 +13,21 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import httpx
 import pytest
+from fastapi.sse import ServerSentEvent
 
 from fdd.bounds import MAX_REQUEST_BYTES, MOST_LISTENERS
 from fdd.errors import InputError
 from fdd.service.bus import Event
-from fdd.service.config import Listen, Tls
-from fdd.service.http import Server, Tokens, new_token
-from fdd.service.http.events import KEPT
-from fdd.service.http.tokens import Caller
-from tests.service.fake import PAGE, World, app_of, bearer, client_of, on_a_port, three_tokens
+from fdd.service.config import Tls
+from fdd.service.http.app import Server
+from fdd.service.http.events import KEPT, Hub
+from fdd.service.http.tokens import Caller, Tokens, new_token
+from tests.service.fake import PAGE, World, bearer, client_of, on_a_port, service_of, three_tokens
 
 ADDRESSES = [
     ("get", "/api/axes", "view"),
@@ -92,7 +95,7 @@ def test_health_tells_strangers_the_status_alone(world: World) -> None:
 
 def test_a_token_is_kept_in_a_cookie_that_scripts_and_other_sites_never_get(world: World) -> None:
     tokens, text = three_tokens()
-    client = client_of(world, tokens=tokens, secure=True)
+    client = client_of(world, tokens=tokens, tls=Tls(cert=Path(), key=Path()))
     client.base_url = "https://127.0.0.1:8080"
     for wrong in ({"token": "guess"}, {"token": None}, {}, [], "x"):
         assert client.post("/api/login", json=wrong, headers=PAGE).status_code in (400, 401)
@@ -152,7 +155,7 @@ def test_a_rebound_name_is_refused(world: World, host: str) -> None:
 
 @pytest.mark.parametrize("host", ["localhost:8080", "127.0.0.1", "[::1]:8080", "rig-7:8080", "RIG-7"])
 def test_own_names_are_answered(world: World, host: str) -> None:
-    client = client_of(world, hosts=["rig-7"])
+    client = client_of(world, names=["rig-7"])
     assert client.get("/api/axes", headers={"host": host}).status_code == 200
 
 
@@ -199,7 +202,6 @@ class Listener:
         return next(line for line in self.lines if line.startswith(begins))
 
     def event(self) -> dict:
-        self.until("id: ")
         return dict(json.loads(self.until("data: ")[6:]))
 
     def close(self) -> None:
@@ -231,21 +233,17 @@ def test_events_come_as_they_happen(server: Server, world: World) -> None:
 
 
 def test_who_falls_behind_is_told_to_begin_anew(world: World) -> None:
-    import asyncio
-
-    from fdd.service.http import Hub
-
-    async def heard() -> bytes:
-        stream = Hub(world.bus).answer(again=False).body_iterator  # type: ignore[attr-defined]
-        await anext(stream)
-        for k in range(KEPT + 10):
-            world.bus.publish(Event("status", "A1", 0.0, {"k": k}))
-        told = b"".join([await anext(stream) for _ in range(KEPT + 1)])
-        await stream.aclose()
-        return told
+    async def heard() -> list[ServerSentEvent]:
+        hub = Hub(world.bus, threading.Event())
+        async with asynccontextmanager(hub.listener)() as mine:
+            stream = hub.told(mine, again=False)
+            await anext(stream)
+            for k in range(KEPT + 10):
+                world.bus.publish(Event("status", "A1", 0.0, {"k": k}))
+            return [await anext(stream) for _ in range(KEPT + 1)]
 
     told = asyncio.run(heard())
-    assert told.startswith(b"event: reset") and b'{"k":%d}' % (KEPT + 9) in told
+    assert told[0].event == "reset" and f'{{"k":{KEPT + 9}}}' in str(told[-1].raw_data)
 
 
 def test_listeners_are_bounded_and_leave_room_when_they_go(server: Server) -> None:
@@ -271,26 +269,14 @@ def test_tls_by_certificate_and_key(world: World, tmp_path: Path) -> None:
         ["openssl", *made.split(), "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", key, "-out", cert],
         check=True, capture_output=True,
     )  # fmt: skip
-    stop = threading.Event()
-    server = Server(app_of(world, secure=True), Listen(port=0, tls=Tls(cert=cert, key=key)))
-    thread = server.start(stop)
     trusted = ssl.create_default_context(cafile=str(cert))
-    with httpx.Client(verify=trusted, trust_env=False) as client:
-        assert client.get(f"{server.address}api/axes").status_code == 200
-    with pytest.raises(OSError):
-        urllib.request.urlopen(server.address.replace("https", "http"), timeout=5)
-    stop.set()
-    thread.join(15)
-    assert not thread.is_alive()
+    with on_a_port(world, tls=Tls(cert=cert, key=key)) as server:
+        with httpx.Client(verify=trusted, trust_env=False) as client:
+            assert client.get(f"{server.address}api/axes").status_code == 200
+        with pytest.raises(OSError):
+            urllib.request.urlopen(server.address.replace("https", "http"), timeout=5)
 
 
-def test_what_cannot_be_listened_on_is_told_in_one_line(world: World, tmp_path: Path) -> None:
-    app = app_of(world)
-    taken = Server(app, Listen(port=0))
-    with pytest.raises(InputError, match=r"cannot be listened on.*--port"):
-        Server(app, Listen(port=int(taken.address.rstrip("/").rpartition(":")[2])))
-    taken._socket.close()
-    (tmp_path / "cert.pem").write_text("no certificate")
-    for cert in (tmp_path / "none.pem", tmp_path / "cert.pem"):
-        with pytest.raises(InputError, match="cannot be used for TLS"):
-            Server(app, Listen(port=0, tls=Tls(cert=cert, key=cert)))
+def test_what_cannot_be_listened_on_is_told_in_one_line(world: World) -> None:
+    with on_a_port(world) as taken, pytest.raises(InputError, match=r"cannot be listened on.*--port"):
+        Server(service_of(world, port=int(taken.address.rstrip("/").rpartition(":")[2])))

@@ -8,6 +8,7 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,19 +19,26 @@ from fdd.bounds import MAX_BLOCK_BYTES
 from fdd.errors import InputError
 from fdd.service.blocks import Decoder, encode_arrow, encode_json
 from fdd.service.config_sources import StdinSource, TcpSource, UdpSource
-from fdd.service.sources import open_source
-from fdd.service.sources.listening import Datagrams, TcpLines
+from fdd.service.sources import Source, open_source
 from tests.service.senders import Taker, a_block, until
 
-
-def tcp(**more: object) -> TcpLines:
-    source = open_source(TcpSource.model_validate({"type": "tcp", "port": 0, **more}))
-    assert isinstance(source, TcpLines)
-    return source
+Lines = Callable[..., Source[TcpSource]]
 
 
-def connected(source: TcpLines) -> socket.socket:
-    return socket.create_connection(("127.0.0.1", source.port), timeout=10)
+@pytest.fixture
+def tcp(taker: Taker, stop: threading.Event) -> Lines:
+    """Begins a source, which gives the taker what comes."""
+
+    def begun(**more: object) -> Source[TcpSource]:
+        source = open_source(TcpSource.model_validate({"type": "tcp", "port": 0, **more}))
+        source.start(taker.put, stop)
+        return source
+
+    return begun
+
+
+def connected(source: Source[TcpSource]) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", source.status()["port"]), timeout=10)
 
 
 def samples(first: int, count: int, **more: object) -> bytes:
@@ -38,9 +46,8 @@ def samples(first: int, count: int, **more: object) -> bytes:
     return b"".join(json.dumps(row).encode() + b"\n" for row in rows)
 
 
-def test_blocks_and_samples_on_one_connection(taker: Taker, stop: threading.Event) -> None:
+def test_blocks_and_samples_on_one_connection(taker: Taker, tcp: Lines) -> None:
     source = tcp(axis="A1", unit="rig")
-    source.start(taker.put, stop)
     with connected(source) as sender:
         sender.sendall(samples(0, 50))
         sender.sendall(samples(0, 20, axis="B2"))
@@ -53,17 +60,15 @@ def test_blocks_and_samples_on_one_connection(taker: Taker, stop: threading.Even
     assert len(taker.blocks) < 20, "samples are gathered"
 
 
-def test_samples_that_come_slowly_are_not_kept_waiting(taker: Taker, stop: threading.Event) -> None:
+def test_samples_that_come_slowly_are_not_kept_waiting(taker: Taker, tcp: Lines) -> None:
     source = tcp(axis="A1")
-    source.start(taker.put, stop)
     with connected(source) as sender:
         sender.sendall(samples(0, 1))
         until(lambda: len(taker.blocks) == 1, 5.0)
 
 
-def test_a_line_cut_anywhere_is_one_line(taker: Taker, stop: threading.Event) -> None:
+def test_a_line_cut_anywhere_is_one_line(taker: Taker, tcp: Lines) -> None:
     source = tcp(axis="A1")
-    source.start(taker.put, stop)
     text = samples(0, 3)
     with connected(source) as sender:
         sender.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -74,9 +79,8 @@ def test_a_line_cut_anywhere_is_one_line(taker: Taker, stop: threading.Event) ->
     assert source.status()["refused"] == 0
 
 
-def test_garbage_is_counted_and_spoils_no_other_line(taker: Taker, stop: threading.Event) -> None:
+def test_garbage_is_counted_and_spoils_no_other_line(taker: Taker, tcp: Lines) -> None:
     source = tcp()
-    source.start(taker.put, stop)
     bad = [b"nonsense", b"\xff\xfe", b"[1]", b'{"time": 1}', b'{"axis": "A1", "time": 1, "position": "far"}',
            b'{"axis": "../x", "time": 1}', b'{"schema": "fdd.block/1"}', b"[" * 5000]  # fmt: skip
     with connected(source) as sender:
@@ -88,9 +92,8 @@ def test_garbage_is_counted_and_spoils_no_other_line(taker: Taker, stop: threadi
     assert status["last_error"] and "\n" not in status["last_error"]
 
 
-def test_a_sample_without_time_or_with_a_clock_that_went_back(taker: Taker, stop: threading.Event) -> None:
+def test_a_sample_without_time_or_with_a_clock_that_went_back(taker: Taker, tcp: Lines) -> None:
     source = tcp(axis="A1")
-    source.start(taker.put, stop)
     with connected(source) as sender:
         sender.sendall(samples(100, 5) + b'{"position": 1}\n' + samples(0, 5))
     until(lambda: sum(len(b.samples) for b in taker.blocks) == 10)
@@ -99,9 +102,8 @@ def test_a_sample_without_time_or_with_a_clock_that_went_back(taker: Taker, stop
     assert together.tolist() == [*range(100, 105), *range(5)]
 
 
-def test_a_line_without_end_is_forgotten(taker: Taker, stop: threading.Event) -> None:
+def test_a_line_without_end_is_forgotten(taker: Taker, tcp: Lines) -> None:
     source = tcp()
-    source.start(taker.put, stop)
     with connected(source) as sender:
         for _ in range(MAX_BLOCK_BYTES // (1 << 20) + 1):
             sender.sendall(b"x" * (1 << 20))
@@ -110,10 +112,9 @@ def test_a_line_without_end_is_forgotten(taker: Taker, stop: threading.Event) ->
     assert source.status()["refused"] == 1 and "a line of more than" in source.status()["last_error"]
 
 
-def test_a_fast_sender_is_made_to_wait(taker: Taker, stop: threading.Event) -> None:
+def test_a_fast_sender_is_made_to_wait(taker: Taker, tcp: Lines) -> None:
     source = tcp()
     taker.accepting = False
-    source.start(taker.put, stop)
 
     def send() -> None:
         with connected(source) as sender:
@@ -129,9 +130,8 @@ def test_a_fast_sender_is_made_to_wait(taker: Taker, stop: threading.Event) -> N
     until(lambda: taker.numbers() == list(range(100)))
 
 
-def test_connections_and_silence_are_bounded(taker: Taker, stop: threading.Event) -> None:
+def test_connections_and_silence_are_bounded(taker: Taker, tcp: Lines) -> None:
     source = tcp(connections=2, idle=0.5)
-    source.start(taker.put, stop)
     kept = [connected(source) for _ in range(2)]
     until(lambda: source.status()["connections"] == 2)
     third = connected(source)
@@ -145,19 +145,17 @@ def test_connections_and_silence_are_bounded(taker: Taker, stop: threading.Event
         one.close()
 
 
-def test_a_port_that_is_taken_is_told_in_one_line(stop: threading.Event) -> None:
-    first = tcp()
-    first.start(lambda block: None, stop)
-    with pytest.raises(InputError, match=f"tcp 127.0.0.1:{first.port}: cannot be listened on"):
-        tcp(port=first.port).start(lambda block: None, stop)
+def test_a_port_that_is_taken_is_told_in_one_line(tcp: Lines) -> None:
+    port = tcp().status()["port"]
+    with pytest.raises(InputError, match=f"tcp 127.0.0.1:{port}: cannot be listened on"):
+        tcp(port=port)
 
 
 def test_datagrams_are_messages(taker: Taker, stop: threading.Event) -> None:
     source = open_source(UdpSource(type="udp", port=0, axis="A1"))
-    assert isinstance(source, Datagrams)
     source.start(taker.put, stop)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        sender.connect(("127.0.0.1", source.port))
+        sender.connect(("127.0.0.1", source.status()["port"]))
         sender.send(encode_json(a_block(0, "C3")))
         sender.send(encode_arrow(a_block(1, "C3")))
         sender.send(b"garbage")
@@ -190,13 +188,14 @@ def test_a_map_that_a_stream_cannot_use_is_refused(tmp_path: Path) -> None:
         open_source(UdpSource(type="udp", port=0, map=tmp_path / "map.yaml"))
 
 
-def test_the_sender_of_the_manual_sends(taker: Taker, stop: threading.Event) -> None:
+def test_the_sender_of_the_manual_sends(taker: Taker, tcp: Lines) -> None:
     page = (Path(__file__).parents[2] / "docs" / "serve-blocks.md").read_text("utf-8")
     sender = page.split("```python\n")[1].split("```")[0]
     source = tcp()
-    source.start(taker.put, stop)
     assert "9001" in sender and "0.1)" in sender
-    exec(sender.replace("9001", str(source.port)).replace("time.sleep(0.1)", "time.sleep(0.0)"), {})
+    exec(
+        sender.replace("9001", str(source.status()["port"])).replace("time.sleep(0.1)", "time.sleep(0.0)"), {}
+    )
     until(lambda: taker.numbers() == list(range(20)))
     assert source.status()["refused"] == 0 and len(taker.blocks[0].samples) == 100
     example = page.split("```json\n")[1].split("```")[0]

@@ -7,11 +7,11 @@ import math
 import os
 import runpy
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import paho.mqtt.client as paho
 import pytest
 from typer.testing import CliRunner
 from watched import leaking
@@ -27,7 +27,7 @@ from fdd.service.config import Serve
 from fdd.service.service import Service
 from fdd.service.store import Store
 from fdd.unit import Unit
-from tests.service.brokers import Broker, needs_mosquitto
+from tests.service.brokers import Broker, Client, needs_mosquitto
 from tests.service.senders import until
 
 pytestmark = needs_mosquitto
@@ -44,32 +44,18 @@ def ran(*arguments: object) -> str:
     return done.stdout
 
 
-class Heard:
-    """A second subscriber."""
-
-    def __init__(self, port: int) -> None:
-        self._payloads: list[bytes] = []
-        self._client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id="heard")
-        self._client.on_message = lambda client, data, message: self._payloads.append(message.payload)
-        subscribed = threading.Event()
-        self._client.on_subscribe = lambda *told: subscribed.set()
-        self._client.connect("127.0.0.1", port)
-        self._client.subscribe("fdd/#", qos=1)
-        self._client.loop_start()
-        assert subscribed.wait(20.0)
-
-    def blocks(self) -> dict[str, list[Block]]:
-        """By axis, in the order they came, once nothing has come for a second."""
-        count = -1
-        while count < len(self._payloads):
-            count = len(self._payloads)
-            threading.Event().wait(1.0)
-        self._client.disconnect()
-        self._client.loop_stop()
-        found: dict[str, list[Block]] = {}
-        for block in map(Decoder().decode, self._payloads):
-            found.setdefault(block.axis, []).append(block)
-        return found
+def blocks_by_axis(heard: Client) -> dict[str, list[Block]]:
+    """What came, in its order, once nothing has come for a second."""
+    count = -1
+    while count < len(heard.came):
+        count = len(heard.came)
+        time.sleep(1.0)
+    heard.close()
+    found: dict[str, list[Block]] = {}
+    for message in heard.came:
+        block = Decoder().decode(message.payload)
+        found.setdefault(block.axis, []).append(block)
+    return found
 
 
 def unlike(place: str, one: Any, other: Any) -> list[str]:
@@ -96,10 +82,10 @@ def wrong(folder: Path, logs: list[Path], unit: str, *more: object, patience: fl
     running = threading.Thread(target=service.run, args=(stop,))
     running.start()
     try:
-        heard = Heard(broker.port)
+        heard = Client(broker, listens="fdd/#")
         until(lambda: service.health()["status"] == "ok")
         ran("publish", *logs, "--mqtt", f"mqtt://127.0.0.1:{broker.port}", *BAD_LINE, *more)
-        came = heard.blocks()
+        came = blocks_by_axis(heard)
         rows = {axis: sum(len(block.samples) for block in blocks) for axis, blocks in came.items()}
         until(lambda: {s.name: s.samples + s.quality["late"] for s in service.fleet.axes()} == rows, patience)
         quality = {status.name: status.quality for status in service.fleet.axes()}

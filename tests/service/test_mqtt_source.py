@@ -9,10 +9,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import paho.mqtt.client as paho
 import pytest
 
 from fdd.samples import Samples
@@ -20,11 +18,11 @@ from fdd.service.blocks import Block, Decoder, encode_arrow, encode_json
 from fdd.service.config_sources import MqttSource
 from fdd.service.order import Order
 from fdd.service.sources import Source, open_source
-from tests.service.brokers import Broker, needs_mosquitto
+from tests.service.brokers import Broker, Client, needs_mosquitto
 from tests.service.senders import Taker, a_block, until
 
 pytestmark = needs_mosquitto
-VERSIONS = ("3.1.1", "5")
+VERSIONS = pytest.mark.parametrize("version", ["3.1.1", "5"])
 
 
 @pytest.fixture
@@ -34,27 +32,16 @@ def broker(tmp_path: Path) -> Iterator[Broker]:
     made.kill()
 
 
-def source_of(broker: Broker, version: str = "5", **more: object) -> Source:
-    given = {
-        "type": "mqtt",
-        "host": "127.0.0.1",
-        "port": broker.port,
-        "version": version,
-        "topics": ["rigs/#"],
-    }
-    return open_source(MqttSource.model_validate({**given, "client_id": "fdd-test", **more}))
+def source_of(broker: Broker, has: Callable[[str], bool] = lambda axis: True, **more: object) -> Source:
+    given = {"type": "mqtt", "host": "127.0.0.1", "port": broker.port, "topics": ["rigs/#"]}
+    return open_source(MqttSource.model_validate({**given, "client_id": "fdd-test", **more}), has)
 
 
 @pytest.fixture
-def publish(broker: Broker) -> Iterator[Callable[..., Any]]:
-    client = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id="sender", clean_session=False)
-    client.reconnect_delay_set(0.1, 0.2)  # type: ignore[arg-type]
-    client.max_inflight_messages_set(10)
-    client.connect("127.0.0.1", broker.port)
-    client.loop_start()
-    yield lambda topic, payload, **more: client.publish(topic, payload, **{"qos": 1, **more})
-    client.disconnect()
-    client.loop_stop()
+def sender(broker: Broker) -> Iterator[Client]:
+    client = Client(broker, client_id="sender", clean_session=False)
+    yield client
+    client.close()
 
 
 def connected(source: Source, taker: Taker, stop: threading.Event) -> Source:
@@ -63,84 +50,81 @@ def connected(source: Source, taker: Taker, stop: threading.Event) -> Source:
     return source
 
 
+Reading = Callable[..., Source]
+
+
+@pytest.fixture
+def reading(broker: Broker, taker: Taker, stop: threading.Event) -> Reading:
+    """Makes a source of the broker, which gives the taker what comes."""
+    return lambda **more: connected(source_of(broker, **more), taker, stop)
+
+
 def ordered(blocks: list[Block]) -> tuple[Samples, Order]:
     order = Order()
     return Samples.concatenate([*(order.take([b]) for b in blocks), order.flush()]), order
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@VERSIONS
 def test_topics_with_wildcards_name_the_axis_or_the_message_does(
-    version: str,
-    broker: Broker,
-    taker: Taker,
-    stop: threading.Event,
-    publish: Callable[..., Any],
+    version: str, reading: Reading, taker: Taker, sender: Client
 ) -> None:
-    source = connected(source_of(broker, version, topics=["rigs/{axis}/x/#", "all/+"]), taker, stop)
+    source = reading(version=version, topics=["rigs/{axis}/x/#", "all/+"])
     without = encode_json(a_block(0)).replace(b'"axis":"A1",', b"")
-    publish("rigs/R1/x/deep/er", without)
-    publish("rigs/R2/x", encode_arrow(a_block(0, "R2")))
-    publish("rigs/R5/x", without)
-    publish("rigs/R3/x", encode_json(a_block(0, "R9")))
-    publish("rigs/R4/y", without)
-    publish("all/one", encode_json(a_block(0, "A7")))
-    publish("all/two", without)
+    sender.publish("rigs/R1/x/deep/er", without)
+    sender.publish("rigs/R2/x", encode_arrow(a_block(0, "R2")))
+    sender.publish("rigs/R5/x", without)
+    sender.publish("rigs/R3/x", encode_json(a_block(0, "R9")))
+    sender.publish("rigs/R4/y", without)
+    sender.publish("all/one", encode_json(a_block(0, "A7")))
+    sender.publish("all/two", without)
     until(lambda: source.status()["received"] == 4 and source.status()["refused"] == 2)
     assert sorted(b.axis for b in taker.blocks) == ["A7", "R1", "R2", "R5"]
     assert np.array_equal(taker.joined("R2")["position"], a_block(0).samples["position"])
 
 
 def test_an_axis_of_another_shard_is_acknowledged_unread(
-    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., Any]
+    reading: Reading, taker: Taker, sender: Client
 ) -> None:
-    config = {"type": "mqtt", "host": "127.0.0.1", "port": broker.port, "topics": ["rigs/{axis}"]}
-    source = connected(open_source(MqttSource.model_validate(config), "A1".__eq__), taker, stop)
+    source = reading(has="A1".__eq__, topics=["rigs/{axis}"])
     for _ in range(450):  # more than may be on their way unacknowledged
-        publish("rigs/A2", b"garbage")
-    publish("rigs/A1", encode_json(a_block(0)))
+        sender.publish("rigs/A2", b"garbage")
+    sender.publish("rigs/A1", encode_json(a_block(0)))
     until(lambda: source.status()["received"] == 1)  # counted a moment after it was put
     assert taker.numbers() == [0] and source.status()["refused"] == 0
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@VERSIONS
 def test_garbage_and_retained_messages_are_counted_and_leave_the_session(
-    version: str,
-    broker: Broker,
-    taker: Taker,
-    stop: threading.Event,
-    publish: Callable[..., Any],
+    version: str, reading: Reading, taker: Taker, sender: Client
 ) -> None:
     # It has to be there before the source subscribes, or it would come as any other.
-    publish("rigs/A1", encode_json(a_block(99)), retain=True).wait_for_publish(60.0)
-    source = connected(source_of(broker, version), taker, stop)
+    sender.publish("rigs/A1", encode_json(a_block(99)), retain=True).wait_for_publish(60.0)
+    source = reading(version=version)
     for k in range(450):  # more than may be on their way unacknowledged
-        publish("rigs/A1", (b"", b"garbage", b"\xff\xff\xff\xff\x10", b'{"schema": 3}')[k % 4])
+        sender.publish("rigs/A1", (b"", b"garbage", b"\xff\xff\xff\xff\x10", b'{"schema": 3}')[k % 4])
     for k in range(5):
-        publish("rigs/A1", encode_json(a_block(k)))
+        sender.publish("rigs/A1", encode_json(a_block(k)))
     until(lambda: taker.numbers() == [0, 1, 2, 3, 4])
     status = source.status()
     assert status["refused"] == 450 and status["last_error"].startswith("topic rigs/A1: ")
     assert status.get("retained", 0) == (version == "3.1.1")
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@VERSIONS
 def test_acknowledgements_go_in_the_order_in_which_messages_came(
     version: str, tmp_path: Path, taker: Taker, stop: threading.Event
 ) -> None:
     """Else mosquitto before 2.0.13 sends new messages before those that wait for room on their way."""
     log, random = tmp_path / "log", np.random.default_rng(1)
     broker = Broker(tmp_path, "allow_anonymous true", f"log_dest file {log}", "log_type all")
-    given = {"type": "mqtt", "host": "127.0.0.1", "port": broker.port, "version": version,
-             "topics": ["rigs/{axis}"], "client_id": "fdd-test"}  # fmt: skip
-    sender = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id="sender")
+    source = source_of(broker, {"A1", "A3"}.__contains__, version=version, topics=["rigs/{axis}"])
+    sender = Client(broker)
     try:
-        connected(open_source(MqttSource.model_validate(given), {"A1", "A3"}.__contains__), taker, stop)
+        connected(source, taker, stop)
         taker.accepting = False
-        sender.connect("127.0.0.1", broker.port)
-        sender.loop_start()
         for k in range(120):
             for axis in ("A1", "A2", "A3"):  # A2 is of another shard
-                sender.publish(f"rigs/{axis}", encode_json(a_block(k, axis, rows=1)), qos=1)
+                sender.publish(f"rigs/{axis}", encode_json(a_block(k, axis, rows=1)))
         accepted, end = 0, time.monotonic() + 20.0
         while accepted < 240 and time.monotonic() < end:
             time.sleep(0.01)
@@ -156,15 +140,13 @@ def test_acknowledgements_go_in_the_order_in_which_messages_came(
         until(lambda: len(acknowledged()) == 360)
         assert acknowledged() == sent()
     finally:
-        sender.disconnect()
-        sender.loop_stop()
+        sender.close()
         broker.kill()
 
 
 def test_a_message_that_fdd_fails_on_does_not_hold_up_those_after_it(
-    broker: Broker, taker: Taker, stop: threading.Event, publish: Callable[..., Any],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    reading: Reading, taker: Taker, sender: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def failing(self: Decoder, payload: bytes, *given: object, **more: object) -> Block:
         if payload == b"fault":
             raise RuntimeError("a fault")
@@ -172,23 +154,23 @@ def test_a_message_that_fdd_fails_on_does_not_hold_up_those_after_it(
 
     decode = Decoder.decode
     monkeypatch.setattr(Decoder, "decode", failing)
-    source = connected(source_of(broker), taker, stop)
+    source = reading()
     for _ in range(450):  # more than may be on their way unacknowledged
-        publish("rigs/A1", b"fault")
-    publish("rigs/A1", encode_json(a_block(0)))
+        sender.publish("rigs/A1", b"fault")
+    sender.publish("rigs/A1", encode_json(a_block(0)))
     until(lambda: taker.numbers() == [0])
     assert source.status()["refused"] == 450
     assert source.status()["last_error"] == "internal error: RuntimeError: a fault"
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@VERSIONS
 def test_nothing_is_acknowledged_before_it_is_accepted(
-    version: str, broker: Broker, taker: Taker, publish: Callable[..., Any]
+    version: str, broker: Broker, taker: Taker, stop: threading.Event, sender: Client
 ) -> None:
-    taker.accepting, stop = False, threading.Event()
-    source = connected(source_of(broker, version), taker, stop)
+    taker.accepting = False
+    source = connected(source_of(broker, version=version), taker, stop)
     for k in range(12):
-        publish("rigs/A1", encode_json(a_block(k)))
+        sender.publish("rigs/A1", encode_json(a_block(k)))
     until(lambda: len(taker.blocks) == 12)
     for block in taker.blocks[:7]:
         block.accepted()
@@ -198,8 +180,8 @@ def test_nothing_is_acknowledged_before_it_is_accepted(
     # As after a crash of the service: what was not stored comes again, what was stored does not.
     again, stop = Taker(), threading.Event()
     for k in range(12, 15):
-        publish("rigs/A1", encode_json(a_block(k)))
-    connected(source_of(broker, version), again, stop)
+        sender.publish("rigs/A1", encode_json(a_block(k)))
+    connected(source_of(broker, version=version), again, stop)
     until(lambda: set(again.numbers()) >= set(range(7, 15)))
     stop.set()
     # The last acknowledgements may have been on their way.
@@ -210,17 +192,13 @@ def test_nothing_is_acknowledged_before_it_is_accepted(
     )
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@VERSIONS
 def test_a_broker_that_is_killed_loses_nothing_and_tells_nothing_twice(
-    version: str,
-    broker: Broker,
-    taker: Taker,
-    stop: threading.Event,
-    publish: Callable[..., Any],
+    version: str, broker: Broker, reading: Reading, taker: Taker, sender: Client
 ) -> None:
-    source = connected(source_of(broker, version), taker, stop)
+    source = reading(version=version)
     for k in range(40):
-        publish("rigs/A1", encode_json(a_block(k)))
+        sender.publish("rigs/A1", encode_json(a_block(k)))
         if k == 20:
             until(lambda: len(taker.blocks) >= 10)
             taker.accepting = False
@@ -252,7 +230,7 @@ def test_a_broker_that_comes_later_is_found(broker: Broker, taker: Taker, stop: 
     until(lambda: source.status()["connected"])
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@VERSIONS
 def test_a_wrong_password_is_told_in_one_line(
     version: str, tmp_path: Path, taker: Taker, stop: threading.Event
 ) -> None:
@@ -262,7 +240,7 @@ def test_a_wrong_password_is_told_in_one_line(
     try:
         (tmp_path / "password").write_text("wrong\n")
         given = {"user": "rig", "password_file": tmp_path / "password"}
-        source = source_of(broker, version, **given)
+        source = source_of(broker, version=version, **given)
         source.start(taker.put, stop)
         until(lambda: source.status()["last_error"] is not None)
         told = source.status()["last_error"]
@@ -270,7 +248,7 @@ def test_a_wrong_password_is_told_in_one_line(
         assert told.endswith("check user, password_file and client_id") and "wrong" not in told
         assert not source.status()["connected"]
         (tmp_path / "password").write_text("right\n")
-        connected(source_of(broker, version, **given, client_id="other"), taker, stop)
+        connected(source_of(broker, version=version, **given, client_id="other"), taker, stop)
     finally:
         broker.kill()
 

@@ -10,17 +10,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from outputs_fakes import event, finding, measured, sent, transition
+from outputs_fakes import finding, measured, sent, transition
 from pydantic import ValidationError
 
 from fdd.errors import InputError
+from fdd.logs import read_log
 from fdd.samples import Samples
 from fdd.service import config
-from fdd.service.bus import Bus
-from fdd.service.outputs import Outputs, delivery
+from fdd.service.bus import Bus, Event
+from fdd.service.outputs import delivery
+from fdd.service.outputs.delivery import Outputs
 from fdd.service.outputs.targets import Undelivered, Webhook
 from fdd.service.store import Store
-from tests.service.senders import free_port, until
+from reports.service import free_port
+from tests.service.senders import until
 
 SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 
@@ -37,9 +40,9 @@ def test_who_is_told_what(store: Store, tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
     made = made_of(store, Bus(), jsonl=path, webhooks=(hook(SLOW, "alarm"), hook(QUICK)))
     slow, quick = Webhook(SLOW).name, Webhook(QUICK).name
-    assert made.targets("alarm") == ["jsonl", slow, quick]
-    assert made.targets("finding") == ["jsonl", quick]
-    assert made.targets("alarm", notify=False) == ["jsonl"], "of chatter people hear nothing"
+    assert made.targets["alarm", True] == ["jsonl", slow, quick]
+    assert made.targets["finding", True] == ["jsonl", quick]
+    assert made.targets["alarm", False] == ["jsonl"], "of chatter people hear nothing"
 
 
 def test_one_that_hangs_holds_up_no_other(
@@ -58,9 +61,9 @@ def test_one_that_hangs_holds_up_no_other(
     made.start(stop)
     until(lambda: len(bus._subscriptions) == 3)
     begun = time.monotonic()
-    for target in made.targets("alarm"):
+    for target in made.targets["alarm", True]:
         sent(store, "alarm", transition(), target)
-    bus.publish(event("alarm", "A1", 1.0, transition()))
+    bus.publish(Event("alarm", "A1", 1.0, transition()))
     until(lambda: made.status()[quick]["delivered"] == made.status()["jsonl"]["delivered"] == 1)
     assert time.monotonic() - begun < 10
     assert made.status()[slow]["delivered"] == 0
@@ -97,28 +100,31 @@ def test_live_states_that_cannot_be_written_are_counted(
     made = made_of(store, bus, jsonl=path)
     made.start(stop)
     until(lambda: bus._subscriptions)
-    bus.publish(event("status", "A1", 1.0, {"state": "healthy"}))
+    bus.publish(Event("status", "A1", 1.0, {"state": "healthy"}))
     until(lambda: path.exists() and json.loads(path.read_text("utf-8"))["axis"] == "A1")
     path.rename(tmp_path / "away")
     path.mkdir()
     next(iter(bus._subscriptions)).lost = 7
-    bus.publish(event("status", "A2", 1.0, {"state": "healthy"}))
+    bus.publish(Event("status", "A2", 1.0, {"state": "healthy"}))
     until(lambda: made.status()["jsonl"]["lost"] == 8)
 
 
 def test_the_recorder_takes_samples(store: Store, tmp_path: Path, stop: threading.Event) -> None:
     bus = Bus()
     made = made_of(store, bus, recording=config.Recording(folder=tmp_path / "rec", before=10.0, after=10.0))
-    assert made.targets("alarm") == []
+    assert made.targets["alarm", True] == []
     made.start(stop)
     time_ = np.arange(500) * 0.01
-    bus.publish(measured("A1", Samples(time_, {"position": np.sin(time_)})))
-    bus.publish(event("alarm", "A1", 5.0, transition()))
+    sizes = {"position": 0.02, "pump_angle": 40.0, "pressure_difference": 1e6}
+    columns = {name: size * np.sin(time_) for name, size in sizes.items()}
+    bus.publish(measured("A1", Samples(time_, columns)))
+    bus.publish(Event("alarm", "A1", 5.0, transition()))
     until(lambda: made.status()["recording"]["running"] == 1)
     stop.set()
     made.join(10)
     assert made.status()["recording"]["files"] == 1
-    assert len(list((tmp_path / "rec").glob("A1_*.mcap"))) == 1
+    [path] = (tmp_path / "rec").glob("A1_*.mcap")
+    assert read_log(path).samples.duration == pytest.approx(4.99, abs=1e-6), "a stop leaves what there is"
 
 
 @pytest.mark.parametrize(
@@ -160,7 +166,7 @@ def test_secrets_that_are_missing_empty_or_endless(store: Store, tmp_path: Path)
 def test_a_broker_that_is_away_stops_nothing(store: Store, tmp_path: Path, stop: threading.Event) -> None:
     broker = {"host": "127.0.0.1", "port": free_port()}
     made = made_of(store, Bus(), mqtt=broker, jsonl=tmp_path / "x.jsonl")
-    for target in made.targets("alarm"):
+    for target in made.targets["alarm", True]:
         sent(store, "alarm", transition(), target)
     made.start(stop)
     until(lambda: made.status()["jsonl"]["delivered"] and made.status()["mqtt"]["failed"])

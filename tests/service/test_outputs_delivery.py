@@ -58,19 +58,6 @@ def test_a_failure_holds_back_what_comes_after_it(store: Store, clock: Clock) ->
     assert store.outbox(9, "t") == [] and len(store.outbox(9, "another target")) == 1
 
 
-def test_a_target_that_is_down_is_left_alone_for_as_long_as_it_asks(store: Store, clock: Clock) -> None:
-    ids = [sent(store, "alarm", transition(id=k), "t") for k in (1, 2)]
-    target = Target({ids[0]: [Undelivered("503", wait_s=100.0, down=True)]})
-    worker = DeliveryWorker("t", store, target)
-    for seconds in (0.0, 50.0, 49.0):
-        clock.now += seconds
-        worker.once()
-        assert target.tried == ids[:1]
-    clock.now += 1.5
-    worker.once()
-    assert target.taken == ids
-
-
 def attempts(store: Store, clock: Clock, worker: DeliveryWorker, most: int) -> list[float]:
     """Times of the attempts."""
     times: list[float] = []

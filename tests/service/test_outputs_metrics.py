@@ -6,6 +6,7 @@ import json
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from outputs_fakes import transition
@@ -43,24 +44,27 @@ def axis(name: str = "A1", **given: Any) -> AxisStatus:
     return AxisStatus.model_validate({**usual, **given})
 
 
-def scraped(axes: list[Any], alarms: Any = (), errors: float = 2.0) -> dict[tuple[str, ...], float]:
+def metrics_of(*axes: AxisStatus, alarms: Any = lambda states: ()) -> Metrics:
+    fleet = SimpleNamespace(axes=lambda: axes, sources=lambda: SOURCES, store_errors=2.0)
+    outputs = SimpleNamespace(status=lambda: OUTPUTS)
+    return Metrics(fleet, SimpleNamespace(alarms=alarms), outputs)  # type: ignore[arg-type]
+
+
+def families(*axes: AxisStatus, alarms: Any = lambda states: [transition()["alarm"]]) -> list[Any]:
+    return list(parse(metrics_of(*axes, alarms=alarms)()[0].decode()))
+
+
+def scraped(*axes: AxisStatus, alarms: Any = lambda states: ()) -> dict[tuple[str, ...], float]:
     """Name and label values to value."""
-    body, _ = Metrics(lambda: axes, lambda: alarms, lambda: OUTPUTS, lambda: SOURCES, lambda: errors)()
-    found = {}
-    for family in parse(body.decode()):
-        for sample in family.samples:
-            found[(sample.name, *(value for _, value in sorted(sample.labels.items())))] = sample.value
-    return found
-
-
-def families() -> list[Any]:
-    alarms = [transition()["alarm"]]
-    body, _ = Metrics(lambda: [axis()], lambda: alarms, lambda: OUTPUTS, lambda: SOURCES, lambda: 2.0)()
-    return list(parse(body.decode()))
+    return {
+        (sample.name, *(value for _, value in sorted(sample.labels.items()))): sample.value
+        for family in families(*axes, alarms=alarms)
+        for sample in family.samples
+    }
 
 
 def test_values_arrive() -> None:
-    found = scraped([axis()])
+    found = scraped(axis())
     assert found["fdd_samples_total", "A1"] == 60000
     assert found["fdd_dropped_samples_total", "A1"] == 3
     assert found["fdd_block_lag_seconds", "A1"] == 0.3
@@ -82,43 +86,42 @@ def test_values_arrive() -> None:
 
 
 def test_what_is_not_known_is_not_told() -> None:
-    found = scraped([axis(rate_hz=None, last_wall=None, estimates={})])
+    found = scraped(axis(rate_hz=None, last_wall=None, estimates={}))
     names = {key[0] for key in found}
     assert not names & {"fdd_last_sample_timestamp_seconds", "fdd_sample_rate_hertz"}
     assert not any("leakage" in name for name in names)
-    found = scraped([axis()])
+    found = scraped(axis())
     assert ("fdd_coulomb_friction_newtons", "A1") not in found
     assert ("fdd_viscous_friction_stddev_newton_seconds_per_meter", "A1") not in found
 
 
 def test_an_axis_is_up_while_it_sends_and_is_diagnosed() -> None:
     for state, up in (("healthy", 1), ("in alarm", 1), ("silent", 0), ("failed", 0)):
-        assert scraped([axis(state=state)])["fdd_axis_up", "A1"] == up
-    found = scraped([axis(state="unacknowledged", silent=True)])
+        assert scraped(axis(state=state))["fdd_axis_up", "A1"] == up
+    found = scraped(axis(state="unacknowledged", silent=True))
     assert found["fdd_axis_up", "A1"] == 0 and found["fdd_axis_state", "A1", "silent"] == 1
     assert found["fdd_axis_state", "A1", "unacknowledged"] == 1
-    assert scraped([axis(state="failed", quality={"refused": 7})])["fdd_dropped_samples_total", "A1"] == 7
+    assert scraped(axis(state="failed", quality={"refused": 7}))["fdd_dropped_samples_total", "A1"] == 7
 
 
 def test_alarms_are_counted() -> None:
     alarms = [transition(id=1)["alarm"], transition(id=2)["alarm"], transition(axis="gone")["alarm"]]
-    found = scraped([axis()], alarms)
+    found = scraped(axis(), alarms=lambda states: alarms)
     counts = {key[1:]: value for key, value in found.items() if key[0] == "fdd_alarms"}
     # Labels in the order of their names: axis, family, priority, state.
     assert counts == {("A1", "leakage", "high", "UNACK"): 2}
 
 
 def test_a_store_in_trouble_takes_only_the_alarms_away() -> None:
-    def fail() -> Any:
+    def fail(states: Any) -> Any:
         raise RuntimeError("locked")
 
-    body, _ = Metrics(lambda: [axis()], fail, lambda: OUTPUTS, lambda: SOURCES, lambda: 9.0)()
-    names = {family.name for family in parse(body.decode())}
+    names = {family.name for family in families(axis(), alarms=fail)}
     assert "fdd_alarms" not in names and {"fdd_store_errors", "fdd_samples"} <= names
 
 
 def test_series_are_bounded() -> None:
-    found = scraped([axis(f"axis-{k:05}") for k in range(MOST_AXES + 50)])
+    found = scraped(*(axis(f"axis-{k:05}") for k in range(MOST_AXES + 50)))
     assert found["fdd_axes",] == MOST_AXES + 50 and found["fdd_axes_omitted",] == 50
     assert len({key[1] for key in found if key[0] == "fdd_samples_total"}) == MOST_AXES
     per_axis = sum("axis-00001" in key for key in found)
@@ -127,8 +130,7 @@ def test_series_are_bounded() -> None:
 
 
 def test_openmetrics_is_answered_where_it_is_asked_for() -> None:
-    answer = Metrics(lambda: [axis()], lambda: (), lambda: OUTPUTS, lambda: SOURCES, lambda: 0.0)
-    body, kind = answer("application/openmetrics-text; version=1.0.0")
+    body, kind = metrics_of(axis())("application/openmetrics-text; version=1.0.0")
     assert kind.startswith("application/openmetrics-text") and body.endswith(b"# EOF\n")
     assert "fdd_axis_up" in {family.name for family in parse_open(body.decode())}
 
@@ -145,11 +147,8 @@ def test_the_dashboard_asks_for_metrics_that_exist() -> None:
     known = {
         name: {"unit": "", "baseline": 1.0, "value": 1.0, "std": 1.0, "observable": True} for name in UNITS
     }
-    alarms, labels = [transition()["alarm"]], dict[str, set[str]]()
-    body, _ = Metrics(
-        lambda: [axis(estimates=known)], lambda: alarms, lambda: OUTPUTS, lambda: SOURCES, lambda: 2.0
-    )()
-    for family in parse(body.decode()):
+    labels = dict[str, set[str]]()
+    for family in families(axis(estimates=known)):
         for sample in family.samples:
             labels.setdefault(sample.name, set()).update(sample.labels)
     dashboard = json.loads(DASHBOARD.read_text("utf-8"))
@@ -172,5 +171,5 @@ def test_the_dashboard_asks_for_metrics_that_exist() -> None:
 
 def test_the_page_names_every_metric() -> None:
     page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
-    ours = {sample.name for family in families() for sample in family.samples if "fdd_" in sample.name}
+    ours = {sample.name for family in families(axis()) for sample in family.samples if "fdd_" in sample.name}
     assert {name for name in ours if f"`{name}`" not in page and "_stddev" not in name} == set()

@@ -5,64 +5,38 @@ from __future__ import annotations
 import json
 import socket
 import subprocess
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from brokers import MOSQUITTO, Broker
-from outputs_fakes import finding, message, opened, sent, transition
-from paho.mqtt.client import Client
-from paho.mqtt.enums import CallbackAPIVersion
+from outputs_fakes import finding, message, sent, transition
 
 from fdd.service.config import MqttOutput
-from fdd.service.outputs import mqtt
+from fdd.service.outputs import targets
 from fdd.service.outputs.delivery import DeliveryWorker
-from fdd.service.outputs.mqtt import MqttPublisher
-from fdd.service.outputs.targets import Undelivered
+from fdd.service.outputs.targets import MqttPublisher, Undelivered
+from fdd.service.store import Store
+from tests.service.brokers import Broker, Client, needs_mosquitto
 from tests.service.senders import until
 
-
-class Listener:
-    """A client that notes what comes, and whether it was retained."""
-
-    def __init__(self, port: int) -> None:
-        self.came: list[tuple[str, bytes, bool]] = []
-        self._client = Client(CallbackAPIVersion.VERSION2)
-        self._client.reconnect_delay_set(1, 1)
-        self._client.on_connect = lambda client, *_: client.subscribe("#", qos=1)
-        self._client.on_message = lambda c, u, m: self.came.append((m.topic, m.payload, m.retain))
-        subscribed = threading.Event()
-        self._client.on_subscribe = lambda *told: subscribed.set()
-        self._client.connect("127.0.0.1", port)
-        self._client.loop_start()
-        assert subscribed.wait(60.0), "else what is not retained may come before it listens"
-
-    def of(self, topic: str) -> list[tuple[bytes, bool]]:
-        return [(payload, retained) for to, payload, retained in self.came if to == topic]
-
-    def close(self) -> None:
-        self._client.disconnect()
-        self._client.loop_stop()
+pytestmark = needs_mosquitto
 
 
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[Broker]:
-    if MOSQUITTO is None:
-        pytest.skip("mosquitto is not installed")
     one = Broker(tmp_path, keeps=False)
     yield one
     one.kill()
 
 
 @pytest.fixture
-def listen(broker: Broker) -> Iterator[Callable[[], Listener]]:
-    made: list[Listener] = []
+def listen(broker: Broker) -> Iterator[Callable[[], Client]]:
+    made: list[Client] = []
 
-    def listener() -> Listener:
-        made.append(Listener(broker.port))
+    def listener() -> Client:
+        made.append(Client(broker, listens="#"))
         return made[-1]
 
     yield listener
@@ -120,7 +94,7 @@ def test_a_state_is_told_when_it_changed_and_not_too_often(
 ) -> None:
     live, publisher = listen(), publish()
     connected(publisher)
-    monkeypatch.setattr(mqtt, "EVERY_S", 0.4)
+    monkeypatch.setattr(targets, "EVERY_S", 0.4)
     begun = time.monotonic()
     while time.monotonic() - begun < 1.0:
         publisher.note("A1", {"n": int((time.monotonic() - begun) * 50)})
@@ -150,9 +124,9 @@ def test_a_link_that_breaks_is_told_by_the_broker(publish: Any, listen: Any) -> 
 
 @VERSIONS
 def test_a_broker_that_was_killed_is_told_everything_again(
-    broker: Broker, publish: Any, listen: Any, version: str, tmp_path: Path
+    broker: Broker, publish: Any, listen: Any, version: str, store: Store
 ) -> None:
-    store, stands = opened(tmp_path), list[dict[str, Any]]()
+    stands = list[dict[str, Any]]()
     publisher = publish(lambda: stands, version=version)
     worker = DeliveryWorker("mqtt", store, publisher.deliver)
     connected(publisher)
@@ -171,7 +145,6 @@ def test_a_broker_that_was_killed_is_told_everything_again(
     base = "plant/fdd/axis/A1"
     until(lambda: late.of(f"{base}/alarm/3") and late.of(f"{base}/alarm/1") and late.of(f"{base}/state"))
     assert json.loads(late.of(f"{base}/state")[0][0]) == {"state": "healthy"}
-    store.close()
 
 
 def test_a_store_in_trouble_is_asked_again_what_stands(publish: Any, listen: Any) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import resource
-import threading
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from outputs_fakes import event, measured, transition
+from outputs_fakes import measured, transition
 
 from fdd.logs import read_log
 from fdd.samples import Samples
-from fdd.service.bus import Bus
+from fdd.service.bus import Bus, Event
 from fdd.service.config import Recording
 from fdd.service.outputs import recorder as recorder_module
 from fdd.service.outputs.recorder import Recorder, keep_within
-from tests.service.senders import until
 
 RATE = 100
 START = 1000.0
@@ -59,7 +57,7 @@ class Rig:
 
     def alarm(self, time: float, axis: str = "A1", **given: Any) -> None:
         told = transition(axis=axis, onset=time - 5, detected=time, **given)
-        self.bus.publish(event("alarm", axis, time, told))
+        self.bus.publish(Event("alarm", axis, time, told))
         self.work()
 
     def status(self, time: float, leakage: float, axis: str = "A1") -> None:
@@ -67,7 +65,7 @@ class Rig:
             "estimates": {"leakage": {"value": leakage, "std": 1e-13, "observable": True}},
             "probabilities": {"healthy": 0.75}, "samples": 5,
         }  # fmt: skip
-        self.bus.publish(event("status", axis, time, data))
+        self.bus.publish(Event("status", axis, time, data))
         self.work()
 
     def work(self) -> None:
@@ -194,22 +192,6 @@ def test_an_axis_that_falls_silent_leaves_its_file(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(recorder_module.time, "monotonic", lambda: later)
     rig.work()
     assert read_log(rig.files()[0]).samples.duration == pytest.approx(20.0, abs=1.5)
-
-
-def test_a_stop_leaves_what_there_is(tmp_path: Path) -> None:
-    stop, bus = threading.Event(), Bus()
-    recorder = Recorder(Recording(folder=tmp_path, before=20.0, after=20.0), bus, lambda axis: None)
-    thread = threading.Thread(target=recorder.run, args=(stop,))
-    thread.start()
-    for k in range(10):
-        bus.publish(measured("A2", signal(START + k, START + k + 1)))
-    until(lambda: "A2" in recorder._axes and recorder._axes["A2"].ring[-1].time[-1] > START + 9)
-    bus.publish(event("alarm", "A2", START + 10, transition(axis="A2", onset=1.0, detected=2.0)))
-    until(lambda: recorder.status()["running"])
-    stop.set()
-    thread.join(10)
-    [path] = tmp_path.glob("A2_*.mcap")
-    assert read_log(path).samples.duration == pytest.approx(9.99, abs=1e-6)
 
 
 def test_the_folder_stays_within_its_bound_and_others_files_stay(tmp_path: Path) -> None:

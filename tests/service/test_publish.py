@@ -14,7 +14,7 @@ from fdd.logs.tabular_writing import write_parquet
 from fdd.samples import Samples
 from fdd.service.order import Order
 from fdd.service.publishing import Link, sendings
-from tests.service.senders import free_port
+from reports.service import free_port
 
 ROWS = 103
 """Of a block: the first that last 0.1 s or more. Stamps in 1024ths of a second are exact."""
@@ -29,6 +29,7 @@ def test_a_plain_line_sends_each_block_when_its_last_row_is_due() -> None:
     assert [block.sequence for _, block in sent] == list(range(WHOLE))
     assert [when for when, _ in sent] == pytest.approx([b.samples.time[-1] / 20.0 for _, b in sent])
     assert Samples.concatenate([b.samples for _, b in sent])["position"] == pytest.approx(LOG["position"])
+    assert {when for when, _ in sendings("A1", LOG, Link(speed=math.inf))} == {0.0}
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -52,10 +53,6 @@ def test_a_bad_line_loses_delays_and_swaps_as_asked_and_a_service_puts_it_right(
     came = Samples.concatenate([b.samples for _, b in sorted(sent, key=lambda one: one[1].sequence or 0)])
     assert np.array_equal(found.time, came.time) and np.array_equal(found["position"], came["position"])
     assert order.counts["late"] == 0 and order.counts["reordered"] > 100
-
-
-def test_at_once() -> None:
-    assert {when for when, _ in sendings("A1", LOG, Link(speed=math.inf))} == {0.0}
 
 
 def test_what_cannot_be_published_is_said_in_a_line(tmp_path: Path) -> None:

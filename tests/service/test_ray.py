@@ -9,9 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import paho.mqtt.client as paho
 import pytest
-from brokers import MOSQUITTO, Broker
+from brokers import Broker, Client, needs_mosquitto
 from senders import until
 from stores import postgres_url
 from watched import blocks_of, fleet_of, leaking, send
@@ -24,7 +23,7 @@ from fdd.service.store import Store
 from fdd.service.watch import Share
 
 ray = pytest.importorskip("ray", reason="no ray here: install fdd[ray]")
-pytestmark = [pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto here"), pytest.mark.slow]
+pytestmark = [needs_mosquitto, pytest.mark.slow]
 
 AXES = [f"A{k}" for k in range(4)]
 SHARDS = 3
@@ -106,15 +105,13 @@ def test_a_lost_node_loses_nothing_and_tells_nothing_twice(two_raylets: Any, tmp
 
 def play(service: Service, cluster: Any, broker: Broker, log: Samples) -> float:
     """Publish all blocks; half-way one raylet is killed. Seconds until its shards are there again."""
-    sender = paho.Client(paho.CallbackAPIVersion.VERSION2, client_id="sender")
-    sender.connect("127.0.0.1", broker.port)
-    sender.loop_start()
+    sender = Client(broker)
     rows = [blocks_of(log, axis) for axis in AXES]
     half = len(rows[0]) // 2
     began = 0.0
     for k, blocks in enumerate(zip(*rows, strict=True)):
         for block in blocks:
-            sender.publish(f"rigs/{block.axis}", encode_arrow(block), qos=1)
+            sender.publish(f"rigs/{block.axis}", encode_arrow(block))
         time.sleep(0.01)
         if k == half:
             (second,) = cluster.worker_nodes
@@ -134,8 +131,7 @@ def play(service: Service, cluster: Any, broker: Broker, log: Samples) -> float:
     for status in service.fleet.axes():
         left_out = {k: status.quality[k] for k in ("late", "missing_blocks", "reordered")}
         assert not any(left_out.values()), (status.name, left_out)
-    sender.disconnect()
-    sender.loop_stop()
+    sender.close()
     return away_s
 
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from urllib.error import HTTPError
 
+import httpx
 import pytest
 from stores import postgres_server, postgres_url
 from typer.testing import CliRunner
@@ -49,12 +47,10 @@ def serving(config: Serve) -> Iterator[Service]:
 
 
 def ask(address: str, body: dict[str, Any] | None = None) -> Any:
-    request = urllib.request.Request(
-        address, None if body is None else json.dumps(body).encode(),
-        {"Content-Type": "application/json", "X-Fdd": "1", "Origin": address[: address.index("/api")]},
-    )  # fmt: skip
-    with urllib.request.urlopen(request, timeout=20) as answer:
-        return json.loads(answer.read())
+    headers = {"x-fdd": "1"}
+    with httpx.Client(timeout=20, trust_env=False, headers=headers) as client:
+        answer = client.get(address) if body is None else client.post(address, json=body)
+    return answer.raise_for_status().json()
 
 
 def test_a_leak_is_told_acknowledged_and_kept(tmp_path: Path) -> None:
@@ -100,7 +96,7 @@ def test_a_server_that_is_killed_meanwhile_is_told_and_nothing_is_lost(tmp_path:
             until(lambda already=already: samples() > already)
             postgres_server().kill()
             until(trouble)
-            with pytest.raises(HTTPError, match="503"):
+            with pytest.raises(httpx.HTTPStatusError, match="503"):
                 ask(f"{address}api/alarms")
             postgres_server().start()
             until(lambda: not trouble())
@@ -178,6 +174,7 @@ def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
         "model: none.json",
         "tokens: none.txt",
         "listen: {port: 0, tls: {cert: none.pem, key: none.key}}",
+        "listen: {port: 0, tls: {cert: serve.yaml, key: serve.yaml}}",
         "state: serve.yaml/state",
         "sources: [{type: folder, folder: none}]",
         "sources: [{type: replay, logs: {A1: none.csv}}]",
@@ -241,7 +238,7 @@ def test_what_is_refused_is_told_in_log_health_and_metrics(
         with socket.create_connection(("127.0.0.1", port)) as line:
             line.sendall(b'{"schema": "fdd.block/1", "axis": "A1", "colums": {}}\n')
         health = until(lambda: (h := ask(f"{service.address}api/health"))["problems"] and h)
-        metrics = urllib.request.urlopen(f"{service.address}metrics", timeout=20).read().decode()
+        metrics = httpx.get(f"{service.address}metrics", timeout=20).text
     assert "source line refused messages: unknown key 'colums' in a block" in health["problems"][0]
     assert health["sources"]["line"]["refused"] == 1 and health["status"] == "degraded"
     assert 'fdd_source_refused_total{source="line"} 1.0' in metrics

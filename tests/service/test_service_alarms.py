@@ -280,13 +280,16 @@ def test_what_people_write_is_kept_as_text_and_no_more() -> None:
 
 
 def test_state_of_another_version_is_read_as_far_as_it_is_known() -> None:
-    look = Looks()
+    look, book = Looks(), AlarmBook()
     look(finding())
     state = look.book.state()
     state["alarms"][0]["colour"] = "red"
-    book = AlarmBook()
     book.restore(state)
     assert book.alarms() == look.book.alarms()
+    # A store of before has alarms that were out of service: they are told again, or over.
+    state["alarms"][0]["state"] = "OUT_OF_SERVICE"
+    book.restore(state)
+    assert [(t.alarm.id, t.action, t.alarm.state) for t in book.tick(WALL)] == [(1, "UNSHELVED", "UNACK")]
 
 
 def test_a_chattering_alarm_stays_one_alarm_and_is_silent_until_it_was_quiet_for_an_hour() -> None:

@@ -6,10 +6,11 @@ import os
 import shutil
 import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
-from stores import LEAK, WALL, blocks_of
+from stores import LEAK, WALL
 
 from fdd.errors import InputError
 from fdd.service.store import Store, StoreTrouble
@@ -19,16 +20,18 @@ def url_of(path: Path) -> str:
     return f"sqlite:///{path}"
 
 
-def filled(path: Path) -> Path:
-    """A closed store with some hundred pages."""
-    store = Store(url_of(path))
-    with store.transaction() as t:
-        t.accept_all(blocks_of("A1", [os.urandom(8000) for _ in range(50)]))
-        for _ in range(200):
-            t.found("A1", 1.0, WALL, LEAK)
-        t.audit(WALL, "ann", "LOGIN")
-    store.compact(WALL)
-    store.close()
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Of a closed store with some hundred pages."""
+    path = tmp_path / "state" / "fdd.db"
+    path.parent.mkdir()
+    with closing(Store(url_of(path))) as store:
+        with store.transaction() as t:
+            t.accept_all([("A1", os.urandom(8000)) for _ in range(50)])
+            for _ in range(200):
+                t.found("A1", 1.0, WALL, LEAK)
+            t.audit(WALL, "ann", "LOGIN")
+        store.compact(WALL)
     return path
 
 
@@ -47,8 +50,7 @@ def one_line(error: BaseException, path: Path) -> None:
     ],
     ids=["csv", "header", "page", "half", "schema"],
 )
-def test_a_damaged_file_is_named_and_left_as_it_is(damage: Callable[[bytes], bytes], tmp_path: Path) -> None:
-    path = filled(tmp_path / "fdd.db")
+def test_a_damaged_file_is_named_and_left_as_it_is(damage: Callable[[bytes], bytes], path: Path) -> None:
     data = damage(path.read_bytes())
     path.write_bytes(data)
     with pytest.raises(InputError, match=r"damaged|malformed|not a database") as caught:
@@ -58,9 +60,8 @@ def test_a_damaged_file_is_named_and_left_as_it_is(damage: Callable[[bytes], byt
     assert path.read_bytes() == data
 
 
-def test_a_locked_store_is_a_trouble_that_passes(tmp_path: Path) -> None:
-    path = filled(tmp_path / "fdd.db")
-    store = Store(url_of(path), busy_timeout=0.1)
+def test_a_locked_store_is_a_trouble_that_passes(path: Path) -> None:
+    store = Store(f"{url_of(path)}?timeout=0.1")
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     with pytest.raises(StoreTrouble, match="is locked") as caught, store.transaction() as t:
@@ -75,71 +76,61 @@ def test_a_locked_store_is_a_trouble_that_passes(tmp_path: Path) -> None:
     other.execute("PRAGMA locking_mode=EXCLUSIVE")
     other.execute("BEGIN EXCLUSIVE")
     with pytest.raises(StoreTrouble, match="is locked"):
-        Store(url_of(path), busy_timeout=0.1)
+        Store(f"{url_of(path)}?timeout=0.1")
     other.close()
 
 
-def test_a_transaction_that_only_read_so_far_keeps_other_writers_out(tmp_path: Path) -> None:
-    path = filled(tmp_path / "fdd.db")
-    store, other = Store(url_of(path)), Store(url_of(path), busy_timeout=0.1)
-    with store.transaction() as t:
-        with pytest.raises(StoreTrouble, match="is locked"), other.transaction():
-            raise AssertionError("what the first one reads would be old when it writes")
-        t.audit(WALL, "ann", "LOGOUT")
-    assert len(other.audit()) == 2
-    store.close()
-    other.close()
+def test_a_transaction_that_only_read_so_far_keeps_other_writers_out(path: Path) -> None:
+    with closing(Store(url_of(path))) as store, closing(Store(f"{url_of(path)}?timeout=0.1")) as other:
+        with store.transaction() as t:
+            with pytest.raises(StoreTrouble, match="is locked"), other.transaction():
+                raise AssertionError("what the first one reads would be old when it writes")
+            t.audit(WALL, "ann", "LOGOUT")
+        assert len(other.audit()) == 2
 
 
-def test_a_full_disk_is_a_trouble_that_passes(tmp_path: Path) -> None:
-    path = filled(tmp_path / "fdd.db")
+def test_a_full_disk_is_a_trouble_that_passes(path: Path) -> None:
     store = Store(url_of(path))
     before = store.journal("A1")
     with pytest.raises(StoreTrouble, match="disk is full") as caught, store.transaction() as t:
-        t.accept_all(blocks_of("A1", [b"first"]))
+        t.accept_all([("A1", b"first")])
         t._connection.exec_driver_sql("PRAGMA max_page_count=1")
-        t.accept_all(blocks_of("A1", [bytes(8000)] * 100))
+        t.accept_all([("A1", bytes(8000))] * 100)
     one_line(caught.value, path)
     assert store.journal("A1") == before, "nothing of it may be there"
     store.close()
     store = Store(url_of(path))
     with store.transaction() as t:
-        t.accept_all(blocks_of("A1", [bytes(8000)] * 100))
+        t.accept_all([("A1", bytes(8000))] * 100)
     assert len(store.journal("A1")) == len(before) + 100
     store.close()
 
 
 @pytest.mark.parametrize("gone", ["fdd.db", ""])
 def test_a_store_whose_files_are_moved_away_takes_nothing_until_they_are_back(
-    gone: str, tmp_path: Path
+    gone: str, path: Path, tmp_path: Path
 ) -> None:
-    path = tmp_path / "state" / "fdd.db"
-    path.parent.mkdir()
-    store = Store(url_of(filled(path)))
-    with store.transaction() as t:
-        t.accept_all(blocks_of("A2", [b"before"]))
-    (path.parent / gone).rename(tmp_path / "away")
-    for _ in range(2):
-        with (
-            pytest.raises(StoreTrouble, match="file is gone; put it back") as caught,
-            store.transaction() as t,
-        ):
-            t.accept_all(blocks_of("A2", [b"meanwhile"]))
-        one_line(caught.value, path)
-    assert not path.exists(), "no empty one in its place"
-    (tmp_path / "away").rename(path.parent / gone)
-    with store.transaction() as t:
-        t.accept_all(blocks_of("A2", [b"after"]))
-    copy = tmp_path / "as-after-a-kill"
-    shutil.copytree(path.parent, copy)
-    store.close()
-    killed = Store(url_of(copy / "fdd.db"))
-    assert [payload for _, payload in killed.journal("A2")] == [b"before", b"after"]
-    killed.close()
+    def accept(payload: bytes) -> None:
+        with store.transaction() as t:
+            t.accept_all([("A2", payload)])
+
+    with closing(Store(url_of(path))) as store:
+        accept(b"before")
+        (path.parent / gone).rename(tmp_path / "away")
+        for _ in range(2):
+            with pytest.raises(StoreTrouble, match="file is gone; put it back") as caught:
+                accept(b"meanwhile")
+            one_line(caught.value, path)
+        assert not path.exists(), "no empty one in its place"
+        (tmp_path / "away").rename(path.parent / gone)
+        accept(b"after")
+        copy = tmp_path / "as-after-a-kill"
+        shutil.copytree(path.parent, copy)
+    with closing(Store(url_of(copy / "fdd.db"))) as killed:
+        assert [payload for _, payload in killed.journal("A2")] == [b"before", b"after"]
 
 
-def test_a_read_only_store_is_told(tmp_path: Path) -> None:
-    path = filled(tmp_path / "fdd.db")
+def test_a_read_only_store_is_told(path: Path) -> None:
     store = Store(url_of(path))
     with pytest.raises(InputError, match="readonly database") as caught, store.transaction() as t:
         t._connection.exec_driver_sql("PRAGMA query_only=ON")
@@ -188,8 +179,7 @@ def test_another_programs_database_is_left_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("version", ["0001", "9999"])
-def test_a_store_of_another_version_is_refused_in_one_line(version: str, tmp_path: Path) -> None:
-    path = filled(tmp_path / "fdd.db")
+def test_a_store_of_another_version_is_refused_in_one_line(version: str, path: Path) -> None:
     with sqlite3.connect(path) as other:
         other.execute(f"UPDATE fdd_revision SET version_num = '{version}'")
     wanted = rf"of another version of fdd \(its tables are {version}, here 0002\); use that fdd"

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import random
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,6 +57,24 @@ def send(fleet: Fleet, inbox: Inbox, blocks: list[Block]) -> None:
     for block in blocks:
         inbox.put(block)
         fleet.step(0.0)
+
+
+@contextmanager
+def working(fleet: Fleet) -> Iterator[None]:
+    """Let it step in a thread of its own, as others ask it."""
+    stop = threading.Event()
+
+    def work() -> None:
+        while not stop.is_set():
+            fleet.step(0.01, stop)
+
+    worker = threading.Thread(target=work)
+    worker.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        worker.join()
 
 
 def disordered(samples: Samples, seed: int = 3) -> list[Block]:

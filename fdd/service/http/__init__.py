@@ -1,7 +1,1 @@
 """The HTTP service: API, events and page."""
-
-from fdd.service.http.app import Server, web
-from fdd.service.http.events import Hub
-from fdd.service.http.tokens import Tokens, new_token
-
-__all__ = ["Hub", "Server", "Tokens", "new_token", "web"]

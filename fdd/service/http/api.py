@@ -1,34 +1,30 @@
 """The API: what each address answers, and which role it asks for."""
 
-import math
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterable
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
-from fastapi.responses import StreamingResponse
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
+from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import BaseModel, ConfigDict, Field
 
 import fdd
 from fdd.errors import InputError
-from fdd.report.decimate import envelope
-from fdd.service.alarms import LONGEST_SHELF_S, STATES, Action, Alarm
+from fdd.service.alarms import LONGEST_SHELF_S, STANDING, STATES, Action, Alarm
+from fdd.service.bus import Subscription
 from fdd.service.http.events import Hub
-from fdd.service.http.tokens import LOCAL, Caller, Role, Tokens
+from fdd.service.http.tokens import LOCAL, Caller, Role
 from fdd.service.life import Each, sentence_of
-from fdd.service.recent import Bands
 from fdd.service.status import AxisDetail, AxisStatus
-from fdd.service.store import Store, StoreTrouble
+from fdd.service.store import StoreTrouble
 
 if TYPE_CHECKING:
-    from fdd.service.shards import Shards
-    from fdd.service.watch import Watch
+    from fdd.service.service import Service
 
 COOKIE, COOKIE_S = "fdd_token", 12 * 3600
 """The page's; it ends after a working shift."""
-STANDING = STATES[1:]
 REACH_S: dict[Each, float] = {"minute": 86400.0, "hour": 30 * 86400.0, "day": 3650 * 86400.0}
 """How far a trend goes back where the request does not say."""
 _bearer, _cookie = HTTPBearer(auto_error=False), APIKeyCookie(name=COOKIE, auto_error=False)
@@ -118,23 +114,9 @@ class Shelf(Note):
     minutes: float = Field(gt=0, le=LONGEST_SHELF_S / 60.0)
 
 
-def router(
-    fleet: "Watch | Shards",
-    store: Store,
-    hub: Hub,
-    health: Callable[[], dict[str, Any]],
-    metrics: Callable[[str], tuple[bytes, str]],
-    tokens: Tokens | None,
-    secure: bool,
-) -> APIRouter:
-    """All addresses.
-
-    Parameters
-    ----------
-    health : ``status``, ``problems`` and number of ``axes``.
-    metrics : gives the text and its type for Prometheus's Accept header.
-    tokens : None lets everybody in as admin. secure : whether the page is reached by TLS.
-    """
+def router(service: "Service", stop: threading.Event) -> APIRouter:
+    """All addresses of a service; `stop` ends its events."""
+    fleet, store, tokens, hub = service.fleet, service.store, service.tokens, Hub(service.bus, stop)
     api = APIRouter(responses={"default": {"model": Problem}})
 
     def caller(request: Request, header: Header, cookie: Cookie) -> Caller | None:
@@ -193,10 +175,9 @@ def router(
         return Trend(axis=name, quantity=quantity, level=level, points=points, sentence=told)
 
     @api.get("/api/axes/{name:path}", dependencies=view)
-    def axis(name: str, points: Annotated[int, Query(ge=10, le=6000)] = 600) -> AxisDetail:
-        """One axis with its last ten minutes, signals in so many points."""
-        found = detail(name)
-        return found.model_copy(update={"signals": thinned(found.signals, points)})
+    def axis(name: str) -> AxisDetail:
+        """One axis with its last ten minutes."""
+        return detail(name)
 
     @api.delete("/api/axes/{name:path}", status_code=204)
     def remove(name: str, who: Admin) -> None:
@@ -253,13 +234,16 @@ def router(
     @api.get("/api/health", response_model_exclude_none=True)
     def health_(who: Known) -> Health:
         """Whether the service works; why not is told to callers with a token alone."""
-        found = Health(**health(), version=fdd.__version__)
+        found = Health(**service.health(), version=fdd.__version__)
         return found if who is not None else Health(status=found.status)
 
-    @api.get("/api/events", dependencies=view, response_class=StreamingResponse)
-    async def events(request: Request) -> Response:
+    @api.get("/api/events", dependencies=view, response_class=EventSourceResponse)
+    async def events(
+        request: Request, heard: Annotated[Subscription, Depends(hub.listener)]
+    ) -> AsyncIterable[ServerSentEvent]:
         """Events as they happen (server-sent)."""
-        return hub.answer("last-event-id" in request.headers)
+        async for event in hub.told(heard, "last-event-id" in request.headers):
+            yield event
 
     @api.get("/api/session")
     def session(who: Annotated[Caller, *view]) -> Session:
@@ -270,6 +254,7 @@ def router(
     def login(body: Login, response: Response) -> Session:
         """Keep a token in a cookie, for the page."""
         found = known(body.token)
+        secure = service.config.listen.tls is not None
         response.set_cookie(
             COOKIE, body.token, max_age=COOKIE_S, httponly=True, samesite="strict", secure=secure
         )
@@ -283,28 +268,7 @@ def router(
     @api.get("/metrics", dependencies=view, response_class=Response)
     def metrics_(request: Request) -> Response:
         """Counts and figures for Prometheus."""
-        text, kind = metrics(request.headers.get("accept", ""))
+        text, kind = service.metrics(request.headers.get("accept", ""))
         return Response(text, media_type=kind)
 
     return api
-
-
-def thinned(signals: Bands, points: int) -> Bands:
-    """Signals in at most so many stretches, none of their extremes lost.
-
-    Examples
-    --------
-    >>> low, high = {"position": [0, 1, -5, None]}, {"position": [0, 9, 0, None]}
-    >>> bands = Bands(time=[0, 1, 2, 3], low=low, high=high)
-    >>> thinned(bands, 2).low, thinned(bands, 2).high
-    ({'position': [0.0, -5.0]}, {'position': [9.0, 0.0]})
-    """
-    if len(signals.time) <= points:
-        return signals
-    when, out = np.array(signals.time, float), Bands()
-    for name, low in signals.low.items():
-        rows = (np.array(low, float), np.array(signals.high[name], float))
-        mid, *ends = envelope(when, *rows, points)
-        least, most = ([v if math.isfinite(v) else None for v in end.tolist()] for end in ends)
-        out.time, out.low[name], out.high[name] = mid.tolist(), least, most
-    return out

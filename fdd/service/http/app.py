@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import logging
-import ssl
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -27,16 +26,12 @@ from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 from fdd.report.words import FAMILY_TITLES
 from fdd.residuals.balances import BALANCES
-from fdd.service.config import Listen
 from fdd.service.config_sources import bound_socket
 from fdd.service.http.api import router
-from fdd.service.http.events import Hub
-from fdd.service.http.tokens import Tokens
-from fdd.service.store import Store, StoreTrouble
+from fdd.service.store import StoreTrouble
 
 if TYPE_CHECKING:
-    from fdd.service.shards import Shards
-    from fdd.service.watch import Watch
+    from fdd.service.service import Service
 
 PAGE = resources.files("fdd.service.http") / "page"
 MARK = "x-fdd"
@@ -52,34 +47,16 @@ HEADERS = {
 }
 
 
-def web(
-    *,
-    fleet: Watch | Shards,
-    store: Store,
-    hub: Hub,
-    health: Callable[[], dict[str, Any]],
-    metrics: Callable[[str], tuple[bytes, str]],
-    tokens: Tokens | None = None,
-    hosts: Iterable[str] = (),
-    secure: bool = False,
-) -> Guard:
-    """The service as an ASGI application.
-
-    Parameters
-    ----------
-    health, metrics : see `fdd.service.http.api.router`.
-    tokens : who may call; None lets everybody in as admin, for a service that only this machine reaches.
-    hosts : names of this machine, beside localhost, that are answered where there are no tokens: else a page
-        of another site could reach the service by a name that leads here (DNS rebinding).
-    secure : whether it is reached by TLS.
-    """
+def web(service: Service, stop: threading.Event) -> Guard:
+    """The service as an ASGI application; `stop` ends its events."""
     app = FastAPI(
         title="fdd serve", version=fdd.__version__, docs_url=None, redoc_url=None, strict_content_type=False
     )
-    app.include_router(router(fleet, store, hub, health, metrics, tokens, secure))
+    app.include_router(router(service, stop))
     app.add_middleware(GZipMiddleware, minimum_size=2000, compresslevel=4)
-    if tokens is None:
-        own = ["localhost", "127.0.0.1", "[::1]", *hosts]
+    if service.tokens is None:
+        # By a name that leads here a page of another site could reach the service (DNS rebinding).
+        own = ["localhost", "127.0.0.1", "[::1]", *service.config.listen.names]
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=own, www_redirect=False)
     for kind, answer in ANSWERS.items():
         app.add_exception_handler(kind, lambda request, error, answer=answer: answer(error))
@@ -90,7 +67,7 @@ def web(
 
     @app.get("/page/words.js", include_in_schema=False)
     def spoken() -> Response:
-        text = b"export default " + bytes(JSONResponse(words()).body) + b";\n"
+        text = b"export default " + bytes(JSONResponse(_words()).body) + b";\n"
         return Response(text, media_type="text/javascript")
 
     app.mount("/page", StaticFiles(directory=str(PAGE)))
@@ -104,10 +81,7 @@ class Guard:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Guard one request."""
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
+        """Guard one request; the server has neither sockets of the web nor a lifespan to tell of."""
         came = 0
 
         async def bounded() -> Message:
@@ -150,14 +124,8 @@ ANSWERS: dict[type[Exception], Callable[[Any], Response]] = {
 """How what an address raises is told."""
 
 
-def words() -> Mapping[str, Any]:
-    """The product's words for the page: what faults, families, balances and quantities are called.
-
-    Examples
-    --------
-    >>> words()["families"]["aeration"]
-    'Air in the oil'
-    """
+def _words() -> Mapping[str, Any]:
+    """The product's words for the page: what faults, families, balances and quantities are called."""
     return {
         "faults": {name: fault.title for name, fault in CATALOGUE.items()},
         "families": FAMILY_TITLES,
@@ -174,7 +142,7 @@ class Server:
 
     Parameters
     ----------
-    app : of `fdd.service.http.web`. listen : where.
+    service : what is served, at its `config.listen`.
 
     Attributes
     ----------
@@ -182,23 +150,19 @@ class Server:
 
     Raises
     ------
-    InputError : the port is taken, or the certificate cannot be used.
+    InputError : the port is taken.
     """
 
-    def __init__(self, app: ASGIApp, listen: Listen) -> None:
+    def __init__(self, service: Service) -> None:
+        listen, self._stop = service.config.listen, threading.Event()
         tls = listen.tls
         config = uvicorn.Config(
-            app, http="h11", ws="none", lifespan="off", interface="asgi3",
+            web(service, self._stop), http="h11", ws="none", lifespan="off", interface="asgi3",
             log_config=None, log_level=logging.ERROR, access_log=False, server_header=False,
             proxy_headers=False, limit_concurrency=MOST_HTTP_CONNECTIONS, timeout_keep_alive=5,
             timeout_graceful_shutdown=3, h11_max_incomplete_event_size=MAX_HEAD_BYTES,
             ssl_certfile=None if tls is None else tls.cert, ssl_keyfile=None if tls is None else tls.key,
         )  # fmt: skip
-        try:
-            config.load()
-        except (OSError, ssl.SSLError) as error:
-            where = "listen: tls" if tls is None else f"{tls.cert}, {tls.key}"
-            raise InputError(f"cannot be used for TLS ({error.strerror or error})", where=where) from None
         self._server = uvicorn.Server(config)
         where = f"listen {listen.host}:{listen.port}"
         self._socket = bound_socket(listen.host, listen.port, where, "give a free port (--port)")
@@ -206,15 +170,17 @@ class Server:
         host, port = self._socket.getsockname()[:2]
         shown = f"[{host}]" if ":" in host else host
         self.address = f"{'http' if tls is None else 'https'}://{shown}:{port}/"
+        self._thread = threading.Thread(
+            target=self._server.run, args=([self._socket],), name="http", daemon=True
+        )
 
-    def start(self, stop: threading.Event) -> threading.Thread:
-        """Serve in a thread until `stop`."""
+    def start(self) -> None:
+        """Serve, in a thread of its own."""
+        self._thread.start()
 
-        def end() -> None:
-            stop.wait()
-            self._server.should_exit = True
-
-        serving = threading.Thread(target=self._server.run, args=([self._socket],), name="http", daemon=True)
-        for thread in (serving, threading.Thread(target=end, name="http stop", daemon=True)):
-            thread.start()
-        return serving
+    def stop(self, timeout: float = 20.0) -> bool:
+        """End it; whether it has within so many seconds."""
+        self._stop.set()
+        self._server.should_exit = True
+        self._thread.join(timeout)
+        return not self._thread.is_alive()

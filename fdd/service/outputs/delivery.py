@@ -10,13 +10,13 @@ from functools import partial
 from typing import Any
 
 from fdd.service import config
-from fdd.service.alarms import STATES
-from fdd.service.bus import Bus, Event, Kind
+from fdd.service.alarms import STANDING
+from fdd.service.bus import Bus, Kind
 from fdd.service.config_sources import read_secret
-from fdd.service.outputs.mqtt import MqttPublisher
 from fdd.service.outputs.recorder import Recorder
-from fdd.service.outputs.targets import JsonLines, Undelivered, Webhook
+from fdd.service.outputs.targets import JsonLines, MqttPublisher, Undelivered, Webhook
 from fdd.service.store import OutboxMessage, Store
+from fdd.service.storing import Targets
 
 MOST_TAKEN = 200
 """Messages looked at in one go."""
@@ -72,33 +72,30 @@ class DeliveryWorker:
                 return
             try:
                 self._deliver(message)
-            except Undelivered as error:
-                failure = error
             except Exception as error:  # one that no target can take must not stop all others for ever
-                failure = Undelivered(f"{type(error).__name__}: {error}")
+                if not self._is_given_up(message, error):
+                    return
             else:
-                self._store.delivered(message.id)
+                self._store.settle(message.id, done=True)
                 self.delivered += 1
                 self._failures = 0
-                self.pending -= 1
-                continue
-            if not self._is_given_up(message, failure):
-                return
             self.pending -= 1
         self.last_error = ""
 
-    def _is_given_up(self, message: OutboxMessage, error: Undelivered) -> bool:
+    def _is_given_up(self, message: OutboxMessage, problem: Exception) -> bool:
         """Give up, or rest before the next attempt; which of them."""
+        told = f"{type(problem).__name__}: {problem}"
+        error = problem if isinstance(problem, Undelivered) else Undelivered(told)
         self.failed += 1
         self.last_error = str(error)
         attempts = message.attempts + 1
         if error.final or (attempts >= MOST_ATTEMPTS and not error.down):
             never = f"{message.kind} {message.id} never arrived at {self.target}"
-            self._store.give_up(message.id, f"{never} ({attempts} attempts: {error})")
+            self._store.settle(message.id, done=True, why=f"{never} ({attempts} attempts: {error})")
             self.given_up += 1
             return True
         if not error.down:
-            self._store.put_off(message.id)
+            self._store.settle(message.id, done=False)
         self._failures += 1
         wait = min(LONGEST_WAIT_S, 2.0 ** min(self._failures, 30)) * random.uniform(0.5, 1.0)
         self._rests_until = time.monotonic() + max(wait, error.wait_s)
@@ -112,8 +109,11 @@ class DeliveryWorker:
         while not stop.is_set():
             try:
                 event = events.get(LOOK_S)
-                if event is not None and event.kind == "status":
-                    failed += not self._is_noted(event)
+                if self.note is not None and event is not None and event.kind == "status":
+                    try:
+                        self.note(event.axis, event.data)
+                    except Undelivered as error:
+                        self.last_error, failed = str(error), failed + 1
                 self.lost = events.lost + failed
                 told = event is not None and event.kind in self.kinds
                 if told or time.monotonic() - looked >= LOOK_S:
@@ -124,15 +124,6 @@ class DeliveryWorker:
                 self.last_error = f"{type(error).__name__}: {error}"
                 stop.wait(TROUBLE_S)
         events.close()
-
-    def _is_noted(self, event: Event) -> bool:
-        try:
-            if self.note is not None:
-                self.note(event.axis, event.data)
-        except Undelivered as error:
-            self.last_error = str(error)
-            return False
-        return True
 
 
 class Outputs:
@@ -156,7 +147,7 @@ class Outputs:
         self._threads: list[threading.Thread] = []
         self._mqtt: MqttPublisher | None = None
         if settings.mqtt is not None:
-            self._mqtt = mqtt = MqttPublisher(settings.mqtt, lambda: store.alarms(STATES[1:]))
+            self._mqtt = mqtt = MqttPublisher(settings.mqtt, lambda: store.alarms(STANDING))
             target = self._target("mqtt", mqtt.deliver)
             target.note, target.tick, target.about = mqtt.note, mqtt.tick, mqtt.status
         if settings.jsonl is not None:
@@ -172,14 +163,15 @@ class Outputs:
     def _target(self, name: str, deliver: Callable[[OutboxMessage], None]) -> DeliveryWorker:
         return self._targets.setdefault(name, DeliveryWorker(name, self._store, deliver))
 
-    def targets(self, kind: str, notify: bool = True) -> list[str]:
-        """Whom an event of a kind is sent to: the fleet puts a message for each into the outbox.
-
-        Parameters
-        ----------
-        notify : whether people are told; webhooks hear nothing of what a chattering alarm does.
-        """
-        return [name for name, t in self._targets.items() if kind in t.kinds and (notify or t.note)]
+    @property
+    def targets(self) -> Targets:
+        """Whom an event is sent to; webhooks hear nothing of what a chattering alarm does."""
+        known = self._targets.items()
+        return {
+            (kind, notify): [name for name, t in known if kind in t.kinds and (notify or t.note)]
+            for kind in KINDS
+            for notify in (True, False)
+        }
 
     def start(self, stop: threading.Event) -> None:
         """Begin, in threads of their own that end soon after `stop`."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from prometheus_client import CollectorRegistry, ProcessCollector
 from prometheus_client.exposition import choose_encoder
@@ -15,7 +15,14 @@ from prometheus_client.registry import Collector
 
 from fdd import __version__
 from fdd.faults import FAMILIES
+from fdd.service.alarms import STANDING
 from fdd.service.status import AxisState, AxisStatus
+
+if TYPE_CHECKING:
+    from fdd.service.outputs.delivery import Outputs
+    from fdd.service.shards import Shards
+    from fdd.service.store import Store
+    from fdd.service.watch import Watch
 
 MOST_AXES = 1000
 """With metrics of their own; a label's every value is a series that Prometheus keeps."""
@@ -65,24 +72,10 @@ _OUTPUTS: _Metrics = {
 
 
 class Metrics(Collector):
-    """What `GET /metrics` answers.
+    """What `GET /metrics` answers: of axes and sources, alarms that stand, and outputs."""
 
-    Parameters
-    ----------
-    axes : the fleet's `axes`. alarms : gives the alarms that stand.
-    outputs : `Outputs.status`. sources : the fleet's. store_errors : how often the store failed so far.
-    """
-
-    def __init__(
-        self,
-        axes: Callable[[], Sequence[AxisStatus]],
-        alarms: Callable[[], Sequence[Mapping[str, Any]]],
-        outputs: Callable[[], Statuses],
-        sources: Callable[[], Statuses],
-        store_errors: Callable[[], float],
-    ) -> None:
-        self._axes, self._alarms = axes, alarms
-        self._outputs, self._sources, self._store_errors = outputs, sources, store_errors
+    def __init__(self, fleet: Watch | Shards, store: Store, outputs: Outputs) -> None:
+        self._fleet, self._store, self._outputs = fleet, store, outputs
         self._registry = CollectorRegistry()
         ProcessCollector(registry=self._registry)
         self._registry.register(self)
@@ -98,12 +91,12 @@ class Metrics(Collector):
 
     def collect(self) -> Iterable[Metric]:
         """All metrics, as things stand."""
-        axes = sorted(self._axes(), key=lambda axis: axis.name)
+        axes = sorted(self._fleet.axes(), key=lambda axis: axis.name)
         yield GaugeMetricFamily("fdd_axes", "Axes that are watched.", len(axes))
         omitted = max(0, len(axes) - MOST_AXES)
         yield GaugeMetricFamily("fdd_axes_omitted", "Axes beyond the bound, without metrics.", omitted)
         yield _gauge("fdd_build_info", "Version of fdd.", ["version"], [((__version__,), 1)])
-        yield CounterMetricFamily("fdd_store_errors", "Failures of the store.", self._store_errors())
+        yield CounterMetricFamily("fdd_store_errors", "Failures of the store.", self._fleet.store_errors)
         axes = axes[:MOST_AXES]
         yield from _of({axis.name: _figures(axis) for axis in axes}, "axis", _AXES)
         states = [
@@ -121,11 +114,11 @@ class Metrics(Collector):
         # A store in trouble must not take the other metrics away, nor tell of no alarms.
         with suppress(Exception):
             names, labels = {axis.name for axis in axes}, ["axis", "family", "state", "priority"]
-            standing = (alarm for alarm in self._alarms() if alarm["axis"] in names)
+            standing = (alarm for alarm in self._store.alarms(STANDING) if alarm["axis"] in names)
             counts = Counter(tuple(alarm[label] for label in labels) for alarm in standing)
             yield _gauge("fdd_alarms", "Alarms that stand.", labels, counts.items())
-        yield from _of(self._sources(), "source", _SOURCES)
-        yield from _of(self._outputs(), "target", _OUTPUTS)
+        yield from _of(self._fleet.sources(), "source", _SOURCES)
+        yield from _of(self._outputs.status(), "target", _OUTPUTS)
 
 
 def _figures(axis: AxisStatus) -> dict[str, float | None]:

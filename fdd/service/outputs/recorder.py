@@ -23,7 +23,7 @@ from fdd.logs.mcap_writing import write_annotated
 from fdd.samples import Samples
 from fdd.service.bus import Bus, Event
 from fdd.service.config import Recording
-from fdd.service.recent import FRESH_S
+from fdd.service.status import FRESH_S
 
 OURS = re.compile(r".+_\d{8}T\d{6}Z_\w+\.mcap")
 """Only files with such a name are ever removed."""

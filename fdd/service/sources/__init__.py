@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
-from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.service.config_sources import AnySource, FolderSource, MqttSource, ReplaySource, TcpSource, UdpSource
+from fdd.service.sources.listening import Datagrams, StandardInput, TcpLines
+from fdd.service.sources.logs import Folder, Replays
+from fdd.service.sources.mqtt import Mqtt
 from fdd.service.sources.source import Source
 
 __all__ = ["Source", "open_source"]
 
 
-def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: True) -> Source:
+def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: True) -> Source[Any]:
     """The source that a part of `serve.yaml` describes; its map is read.
 
     Parameters
@@ -21,31 +24,23 @@ def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: Tru
 
     Raises
     ------
-    InputError : its map cannot be read, or has what a stream cannot use; MQTT without its package.
+    InputError : its map cannot be read, or has what a stream cannot use.
 
     Examples
     --------
     >>> open_source(UdpSource(type="udp", port=0)).status()["received"]
     0
     """
-    # Here: a service without MQTT needs no paho, and one without logs no readers of them.
     channel_map = None if config.map is None else ChannelMap.load(config.map)
-    if isinstance(config, FolderSource | ReplaySource):
-        from fdd.service.sources.logs import Folder, Replays
-
-        if isinstance(config, FolderSource):
+    match config:
+        case MqttSource():
+            return Mqtt(config, channel_map, has)
+        case FolderSource():
             return Folder(config, channel_map)
-        return Replays(config, channel_map)
-    if isinstance(config, MqttSource):
-        try:
-            from fdd.service.sources.mqtt import Mqtt
-        except ModuleNotFoundError as error:
-            raise InputError(f"MQTT needs the package {error.name}", mend="install fdd[serve]") from None
-        return Mqtt(config, channel_map, has)
-    from fdd.service.sources.listening import Datagrams, StandardInput, TcpLines
-
-    if isinstance(config, TcpSource):
-        return TcpLines(config, channel_map)
-    if isinstance(config, UdpSource):
-        return Datagrams(config, channel_map)
+        case ReplaySource():
+            return Replays(config, channel_map)
+        case TcpSource():
+            return TcpLines(config, channel_map)
+        case UdpSource():
+            return Datagrams(config, channel_map)
     return StandardInput(config, channel_map)

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -33,19 +33,21 @@ _ON_THEIR_WAY = 32
 """Blocks of one connection that may wait for the fleet."""
 
 
-class Listener(Source):
+Config = TypeVar("Config", bound=TcpSource | UdpSource | StdinSource)
+
+
+class Listener(Source[Config]):
     """A source of messages, each a block or a sample ``{"axis": "A1", "time": 0, "position": 0}``."""
 
-    def __init__(self, config: TcpSource | UdpSource | StdinSource, channel_map: ChannelMap | None) -> None:
-        super().__init__(config, Decoder(channel_map))
-        self._axis, self.port = config.axis, getattr(config, "port", 0)
+    def __init__(self, config: Config, channel_map: ChannelMap | None) -> None:
+        super().__init__(config, channel_map)
+        self.axis, self.decoder = config.axis, Decoder(channel_map)
 
     def _bound(self, config: TcpSource | UdpSource, kind: socket.SocketKind) -> socket.socket:
         where = f"{config.type} {config.host}:{config.port}"
         bound = bound_socket(config.host, config.port, where, "name a free port", kind)
         bound.settimeout(GATHERED_S)
-        self.port = bound.getsockname()[1]
-        self._set(port=self.port)
+        self._set(port=bound.getsockname()[1])
         return bound
 
 
@@ -57,7 +59,7 @@ class _Feed:
     stop : ends a wait. window : how many blocks may be on their way; None where the sender cannot wait.
     """
 
-    def __init__(self, source: Listener, stop: threading.Event, window: Window | None = None) -> None:
+    def __init__(self, source: Listener[Any], stop: threading.Event, window: Window | None = None) -> None:
         self._source, self._stop, self._window = source, stop, window
         self._more: dict[str, Any] = {}
         if window is not None:
@@ -119,7 +121,7 @@ class _Feed:
             self._source.refuse(error)
 
     def _gather(self, sample: dict[str, Any]) -> None:
-        axis = axis_name(sample.get("axis", self._source._axis))
+        axis = axis_name(sample.get("axis", self._source.axis))
         if not all_numbers(sample, self._source.decoder.keys):
             problem = f"axis {axis}: a sample with something else than numbers"
             raise InputError(problem, mend="send null for none")
@@ -171,22 +173,21 @@ class _Feed:
             self._source.take(block)
 
 
-class TcpLines(Listener):
+class TcpLines(Listener[TcpSource]):
     """A TCP port that takes JSON lines; a sender that is too fast is made to wait."""
 
     def __init__(self, config: TcpSource, channel_map: ChannelMap | None) -> None:
         super().__init__(config, channel_map)
-        self._config = config
         self._open: set[socket.socket] = set()
+
+    def status(self) -> dict[str, Any]:
+        """How it stands; `connections` are those that are open now."""
+        return {**super().status(), "connections": len(self._open)}
 
     def _begin(self, stop: threading.Event) -> None:
         listener = self._bound(self._config, socket.SOCK_STREAM)
         listener.listen()
         self._run(self._accept, listener, stop)
-
-    def status(self) -> dict[str, Any]:
-        """How it stands; `connections` are those that are open now."""
-        return {**super().status(), "connections": len(self._open)}
 
     def _accept(self, listener: socket.socket, stop: threading.Event) -> None:
         with listener:
@@ -219,12 +220,8 @@ class TcpLines(Listener):
             connection.close()
 
 
-class Datagrams(Listener):
+class Datagrams(Listener[UdpSource]):
     """A UDP port that takes a message, a block or a sample, in each datagram."""
-
-    def __init__(self, config: UdpSource, channel_map: ChannelMap | None) -> None:
-        super().__init__(config, channel_map)
-        self._config = config
 
     def _begin(self, stop: threading.Event) -> None:
         bound = self._bound(self._config, socket.SOCK_DGRAM)
@@ -246,7 +243,7 @@ class Datagrams(Listener):
         feed.flush()
 
 
-class StandardInput(Listener):
+class StandardInput(Listener[StdinSource]):
     """JSON lines on standard input, to its end; `ended` of the status tells that all was read."""
 
     def _begin(self, stop: threading.Event) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 import time
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from fdd.bounds import MAX_DONE_BYTES
 from fdd.diagnosis.findings import Quality
@@ -63,7 +62,7 @@ class _Note(BaseModel):
     files: dict[str, Done] = {}
 
 
-class Folder(Source):
+class Folder(Source[FolderSource]):
     """Logs of a folder and its direct subfolders, oldest first; nothing is moved.
 
     The file ``.fdd-done.json`` in the folder notes what was read and what could not be, so that a restart
@@ -71,9 +70,8 @@ class Folder(Source):
     """
 
     def __init__(self, config: FolderSource, channel_map: ChannelMap | None) -> None:
-        super().__init__(config)
-        self._config, self._folder, self._map = config, config.folder, channel_map
-        self._note_path, self._note = config.folder / NOTE, _Note()
+        super().__init__(config, channel_map)
+        self._folder, self._note_path, self._note = config.folder, config.folder / NOTE, _Note()
         # Size and time of change of files that are not known to be whole, and since when (s).
         self._seen: dict[Path, tuple[int, int, float]] = {}
 
@@ -90,8 +88,8 @@ class Folder(Source):
             if path.stat().st_size > MAX_DONE_BYTES:
                 raise InputError(f"more than {MAX_DONE_BYTES} bytes", where=path, mend=mend)
             try:
-                self._note = _Note.model_validate(json.loads(path.read_bytes()))
-            except (OSError, ValueError, ValidationError, RecursionError):
+                self._note = _Note.model_validate_json(path.read_bytes())
+            except (OSError, ValueError):
                 raise InputError("not a note of what is done", where=path, mend=mend) from None
         self._run(self._watch, stop)
 
@@ -190,12 +188,12 @@ class Folder(Source):
             self._told(error)
 
 
-class Replays(Source):
+class Replays(Source[ReplaySource]):
     """One log for each axis, played in a thread of its own."""
 
     def __init__(self, config: ReplaySource, channel_map: ChannelMap | None) -> None:
-        super().__init__(config)
-        self._config, self._map, self._running = config, channel_map, len(config.logs)
+        super().__init__(config, channel_map)
+        self._running = len(config.logs)
 
     def check(self) -> None:
         """Refuse a log that cannot be opened."""

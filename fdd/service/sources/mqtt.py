@@ -41,7 +41,7 @@ class _Message:
         self.number, self.qos, self.done = message.mid, message.qos, False
 
 
-class Mqtt(Source):
+class Mqtt(Source[MqttSource]):
     """Blocks of the topics that are subscribed to, at QoS 1 in a session that the broker keeps.
 
     A message is done when the fleet calls `Block.accepted`, or at once where it is no block, and acknowledged
@@ -56,8 +56,8 @@ class Mqtt(Source):
     def __init__(
         self, config: MqttSource, channel_map: ChannelMap | None, has: Callable[[str], bool]
     ) -> None:
-        super().__init__(config, Decoder(channel_map))
-        self._config, self._has = config, has
+        super().__init__(config, channel_map)
+        self._has, self._decoder = has, Decoder(channel_map)
         self._patterns = [_pattern(topic) for topic in config.topics]
         # Of one connection: numbers mean nothing on the next one. Acknowledged in the order they came, as
         # MQTT demands (4.6): mosquitto before 2.0.13 else lets new messages overtake those that it holds.
@@ -163,7 +163,7 @@ class Mqtt(Source):
         try:
             axis = None if axis is None else axis_name(axis)
             payload = bytes(message.payload)
-            self.take(self.decoder.decode(payload, self.name, axis=axis, patient=True, accepted=done))
+            self.take(self._decoder.decode(payload, self.name, axis=axis, patient=True, accepted=done))
         except InputError as error:
             self.refuse(error.at(f"topic {topic[:100]}"))
             done()

@@ -8,29 +8,30 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from fdd.errors import InputError
+from fdd.logs.channel_map import ChannelMap
 from fdd.samples import Samples
-from fdd.service.blocks import Block, Decoder, nothing
+from fdd.service.blocks import Block, nothing
 from fdd.service.config_sources import AnySource, source_name
 
 LOG = logging.getLogger("fdd.service")
 LATELY_S, LOGGED_S = 20.0, 10.0
 Put = Callable[[Block], None]
+Config = TypeVar("Config", bound=AnySource)
 
 
-class Source(ABC):
+class Source(ABC, Generic[Config]):
     """One source; it runs in threads of its own, and counts what it receives.
 
     Parameters
     ----------
-    config : its part of `serve.yaml`. decoder : of its messages, where it has any.
+    config : its part of `serve.yaml`. channel_map : the map that it names.
     """
 
-    def __init__(self, config: AnySource, decoder: Decoder | None = None) -> None:
-        self.name, self._unit = source_name(config), config.unit
-        self.decoder = decoder or Decoder()
+    def __init__(self, config: Config, channel_map: ChannelMap | None) -> None:
+        self.name, self._config, self._map = source_name(config), config, channel_map
         self._lock = threading.Lock()
         self._counts = {"received": 0, "refused": 0, "reconnects": 0}
         self._state: dict[str, Any] = {"connected": False, "last_error": None}
@@ -46,7 +47,7 @@ class Source(ABC):
         self._put = put
         self._begin(stop)
 
-    def check(self) -> None:  # noqa: B027 (most name no files)
+    def check(self) -> None:
         """Open the files and folders that its part of `serve.yaml` names.
 
         Raises InputError: one cannot be used.
@@ -89,8 +90,8 @@ class Source(ABC):
 
     def take(self, block: Block) -> None:
         """Hand a block on. Raises InputError: the service watches as many axes as it can."""
-        if block.unit is None and self._unit is not None:
-            block = replace(block, unit=self._unit)
+        if block.unit is None and self._config.unit is not None:
+            block = replace(block, unit=self._config.unit)
         self._put(block)
         with self._lock:
             self._counts["received"] += 1

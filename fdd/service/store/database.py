@@ -15,8 +15,6 @@ from sqlalchemy.exc import TimeoutError as NoConnection
 
 from fdd.errors import InputError
 
-BUSY_TIMEOUT_S = 5.0
-"""For which a writer waits for another one."""
 WRITES = "fdd_writes"
 """Option of a connection whose transactions write."""
 _LOCK = 0x666464
@@ -71,12 +69,8 @@ def told(where: str) -> Iterator[None]:
         raise
 
 
-def connect(url: str, busy_timeout: float = BUSY_TIMEOUT_S, existing: bool = False) -> tuple[Engine, str]:
-    """An engine, and what its database is called in messages. A damaged database is refused.
-
-    Parameters
-    ----------
-    existing : refuse a file that is not there.
+def connect(url: str, existing: bool = False) -> tuple[Engine, str]:
+    """An engine, and what its database is called in messages; with `existing` no file is made.
 
     Raises InputError: not such a URL, no driver, or a damaged file. StoreTrouble: not to be reached now.
     """
@@ -94,17 +88,17 @@ def connect(url: str, busy_timeout: float = BUSY_TIMEOUT_S, existing: bool = Fal
             raise InputError(
                 "no such file", where=parsed.database or url, mend="name the store of serve.yaml"
             )
-        return _sqlite(parsed, options, busy_timeout)
+        return _sqlite(parsed, options)
     if parsed.drivername in ("postgresql", "postgres", "postgresql+psycopg"):
         return _postgres(parsed.set(drivername="postgresql+psycopg"), options)
     raise InputError(f"no store of the kind {parsed.drivername}", mend=f"give {_URLS}")
 
 
-def _sqlite(url: URL, options: dict[str, Any], busy_timeout: float) -> tuple[Engine, str]:
+def _sqlite(url: URL, options: dict[str, Any]) -> tuple[Engine, str]:
     where = url.database or ""
     if where in ("", ":memory:"):
         raise InputError("a store in memory keeps nothing", mend="name a file, e.g. sqlite:///fdd.db")
-    engine = create_engine(url, connect_args={"timeout": busy_timeout}, **options)
+    engine = create_engine(url, **options)  # a writer waits 5 s for another one, or as long as ?timeout= says
     known: list[tuple[int, int]] = []
 
     def require_there(*_: object) -> None:

@@ -16,7 +16,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from fdd.diagnosis.findings import FaultFinding
 from fdd.service.alarms import ITSELF, Alarm, Transition, readable
 from fdd.service.store import schema
-from fdd.service.store.database import BUSY_TIMEOUT_S, WRITES, LeaseLost, connect, told
+from fdd.service.store.database import WRITES, LeaseLost, connect, told
 from fdd.service.store.records import SPANS_S, Checkpoint, Rollup, packed, unpacked
 from fdd.service.store.schema import ALARM, AUDIT, AXIS, CHECKPOINT, FINDING, JOURNAL, META, OUTBOX, ROLLUP
 
@@ -67,7 +67,7 @@ class Transaction:
     def remove_axis(self, name: str, words: Sequence[str]) -> None:
         """Take out an axis, its state, its life and its words; alarms, findings and the audit stay."""
         for table, column in ((CHECKPOINT, "axis"), (JOURNAL, "axis"), (ROLLUP, "axis"), (AXIS, "name")):
-            self.gone(delete(table).where(table.c[column] == name))
+            self.execute(delete(table).where(table.c[column] == name))
         self.forget(*words)
 
     def found(self, axis: str, time: float, wall: float, finding: FaultFinding) -> int:
@@ -121,23 +121,19 @@ class Transaction:
         small, sha256 = packed(checkpoint.body)
         self._put(CHECKPOINT, [{**asdict(checkpoint), "body": small, "sha256": sha256}])
         held = (JOURNAL.c.axis == checkpoint.axis) & (JOURNAL.c.id <= checkpoint.sequence)
-        self.gone(delete(JOURNAL).where(held))
+        self.execute(delete(JOURNAL).where(held))
 
     def send(self, kind: str, body: Mapping[str, Any], target: str, wall: float) -> int:
         """Put something that must arrive at a target into the outbox; its id."""
         return self._add(OUTBOX, kind=kind, body=body, target=target, attempts=0, next_wall=wall)
 
-    def sent(self, id: int, **now: Any) -> None:
-        """Note how a message of the outbox stands."""
-        self._connection.execute(sa.update(OUTBOX).where(OUTBOX.c.id == id).values(**now))
-
-    def gone(self, old: sa.Delete) -> int:
-        """Delete rows; how many."""
-        return int(self._connection.execute(old).rowcount)
+    def execute(self, change: sa.Delete | sa.Update) -> int:
+        """Delete or change rows; how many."""
+        return int(self._connection.execute(change).rowcount)
 
     def forget(self, *keys: str) -> None:
         """Take out words about the store itself."""
-        self.gone(delete(META).where(META.c.key.in_(keys)))
+        self.execute(delete(META).where(META.c.key.in_(keys)))
 
     def meta(self, key: str, value: str) -> None:
         """Keep a word about the store itself."""
@@ -177,7 +173,7 @@ class Store:
     Parameters
     ----------
     url : ``sqlite:///fdd.db`` or ``postgresql://user@host/database``.
-    busy_timeout : s for which SQLite waits for another writer. existing : refuse to make one.
+    existing : refuse to make one.
     leases : name to number, as another process has `claim`ed them: those under which this one writes.
 
     Attributes
@@ -189,12 +185,9 @@ class Store:
     InputError : wrong URL, damaged, of another fdd, of another program.
     """
 
-    def __init__(
-        self, url: str, busy_timeout: float = BUSY_TIMEOUT_S, existing: bool = False,
-        leases: Mapping[str, str] | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, url: str, *, existing: bool = False, leases: Mapping[str, str] | None = None) -> None:
         self.leases = dict(leases or {})
-        self._engine, self.where = connect(url, busy_timeout, existing)
+        self._engine, self.where = connect(url, existing)
         schema.prepare(self._engine, self.where, existing)
 
     def close(self) -> None:
@@ -301,44 +294,35 @@ class Store:
         waiting = select(c.id, c.kind, c.body, c.target, c.attempts).where(~c.done, c.target == target)
         return [OutboxMessage(**row) for row in self._rows(waiting.order_by(c.id).limit(limit))]
 
-    def delivered(self, id: int) -> None:
-        """A message arrived."""
+    def settle(self, id: int, *, done: bool, why: str = "") -> None:
+        """Count an attempt at a message: it arrived, did not yet, or (`why`, put on record) never will."""
+        counted = sa.update(OUTBOX).where(OUTBOX.c.id == id)
         with self.transaction() as t:
-            t.sent(id, done=True)
-
-    def put_off(self, id: int) -> None:
-        """A message did not arrive: count the attempt."""
-        with self.transaction() as t:
-            t.sent(id, attempts=OUTBOX.c.attempts + 1)
-
-    def give_up(self, id: int, note: str) -> None:
-        """A message will never arrive: it is done with, and put on record."""
-        with self.transaction() as t:
-            t.sent(id, done=True)
-            t.audit(time.time(), ITSELF, "GIVEN_UP", note=note, body={"outbox": id})
+            t.execute(counted.values(attempts=OUTBOX.c.attempts + 1, done=done))
+            if why:
+                t.audit(time.time(), ITSELF, "GIVEN_UP", note=why, body={"outbox": id})
 
     def compact(
-        self, now: float, minutes: float = 30 * DAY_S, hours: float = 730 * DAY_S,
-        findings: float | None = None,
-    ) -> dict[str, int]:  # fmt: skip
+        self, now: float, minutes: int = 30, hours: int = 730, findings: int | None = None
+    ) -> dict[str, int]:
         """Forget what is old, and give its room on the disk back; how many rows of each went.
 
         Days are kept for ever, so are alarms and the audit.
 
         Parameters
         ----------
-        now : Unix seconds. minutes, hours, findings : s for which each is kept; None is for ever.
+        now : Unix seconds. minutes, hours, findings : days for which each is kept; None is for ever.
         """
         c = ROLLUP.c
         old = {
-            "minutes": delete(ROLLUP).where(c.level == "minute", c.start_wall < now - minutes),
-            "hours": delete(ROLLUP).where(c.level == "hour", c.start_wall < now - hours),
+            "minutes": delete(ROLLUP).where(c.level == "minute", c.start_wall < now - minutes * DAY_S),
+            "hours": delete(ROLLUP).where(c.level == "hour", c.start_wall < now - hours * DAY_S),
             "outbox": delete(OUTBOX).where(OUTBOX.c.done),
         }
         if findings is not None:
-            old["findings"] = delete(FINDING).where(FINDING.c.wall < now - findings)
+            old["findings"] = delete(FINDING).where(FINDING.c.wall < now - findings * DAY_S)
         with self.transaction() as t:
-            gone = {name: t.gone(rows) for name, rows in old.items()}
+            gone = {name: t.execute(rows) for name, rows in old.items()}
         if self._engine.dialect.name == "sqlite":
             with told(self.where), self._engine.connect() as connection:
                 driver: Any = connection.connection.driver_connection

@@ -103,7 +103,7 @@ export function axisView(app, name) {
     title: name,
     node: [h("nav", { class: "crumbs", "aria-label": "Where" }, h("a", { href: "#/" }, "Fleet"), " / "), h("div", { class: "bar" }, h("h1", {}, name), removal(app, name)), parts.top, parts.alarms, parts.findings, parts.estimates, h("section", {}, life.node), parts.others],
     update: async () => {
-      const detail = await get(`/api/axes/${encodeURIComponent(name)}?points=500`);
+      const detail = await get(`/api/axes/${encodeURIComponent(name)}`);
       const alarms = app.alarms.filter((a) => a.axis === name), soon = Math.floor(now() / 20);
       parts.top.className = `panel verdict ${detail.status.priority ?? "calm"}`;
       showIfNew(parts.top, detail.status, () => verdict(detail.status));

@@ -1,13 +1,16 @@
-"""Webhooks against a server that fails, delays, drips, redirects and repeats."""
+"""Webhooks against a server that fails, drips and redirects; JSON lines through rotation and full disks."""
 
 from __future__ import annotations
 
 import hashlib
 import hmac
 import json
+import os
+import resource
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from email.utils import formatdate
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -15,12 +18,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from outputs_fakes import message, opened, sent, transition
+from outputs_fakes import message, sent, transition
 
 from fdd.service.outputs import delivery, targets
 from fdd.service.outputs.delivery import DeliveryWorker
-from fdd.service.outputs.targets import Undelivered, Webhook
-from tests.service.senders import free_port
+from fdd.service.outputs.targets import JsonLines, Undelivered, Webhook
+from fdd.service.store import Store
+from reports.service import free_port
 
 MESSAGE = message("alarm", transition())
 SECRET = b"a key of thirty-two characters..."
@@ -116,10 +120,10 @@ def test_an_answer_that_is_cut_is_none(receiver: Receiver, cut: bytes) -> None:
 
 
 def test_it_comes_again_with_the_same_key_until_it_is_taken(
-    receiver: Receiver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    receiver: Receiver, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     receiver.answers = [(500, {}, b"broken"), (429, {"Retry-After": "7"}, b""), (200, {}, b"thanks")]
-    store, now = opened(tmp_path), [1000.0]
+    now = [1000.0]
     monkeypatch.setattr(delivery, "time", SimpleNamespace(monotonic=lambda: now[0]))
     hook = Webhook(receiver.url, SECRET)
     for id in (1, 2):
@@ -138,7 +142,6 @@ def test_it_comes_again_with_the_same_key_until_it_is_taken(
     keys = [headers["Idempotency-Key"] for _, headers, _ in receiver.came]
     assert keys[0] == keys[1] == keys[2] != keys[3]
     assert receiver.came[0][2] == receiver.came[2][2]
-    store.close()
 
 
 @pytest.mark.parametrize(
@@ -194,3 +197,72 @@ def test_a_receiver_that_is_away_or_silent_takes_a_bounded_time(
 def test_names_differ_and_tell_no_secrets() -> None:
     one, two = (Webhook(f"https://hooks.example.com/{path}").name for path in ("token-1", "token-2"))
     assert one != two and one.startswith("webhook:hooks.example.com-") and "token" not in one + two
+
+
+def numbers(path: Path) -> list[int]:
+    return [json.loads(line)["n"] for line in path.read_text("utf-8").splitlines()]
+
+
+@contextmanager
+def no_file_beyond(size: int) -> Iterator[None]:
+    """The system cuts writes off at a size, as a disk does that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_file_makes_room_and_the_folder_stays_bounded(tmp_path: Path) -> None:
+    path, older = tmp_path / "events.jsonl", tmp_path / "events.jsonl.1"
+    lines = JsonLines(path, most_bytes=100)
+    for n in range(100):
+        lines.append({"n": n})
+    assert sorted(tmp_path.iterdir()) == [path, older]
+    assert all(file.stat().st_size <= 100 for file in (path, older))
+    kept = [*numbers(older), *numbers(path)]
+    assert kept == list(range(kept[0], 100)) and len(kept) > 10
+
+
+def test_a_full_disk_leaves_whole_lines_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    lines = JsonLines(path)
+    with no_file_beyond(1105):
+        told = 0
+        for n in range(10):
+            try:
+                lines.append({"n": n, "text": "x" * 180})
+                told += 1
+            except Undelivered as error:
+                assert error.down and str(path) in str(error)
+        assert 0 < told < 10 and 1105 - path.stat().st_size > 100, "the disk was not full"
+        assert numbers(path) == list(range(told))
+    lines.append({"n": told})
+    assert numbers(path) == list(range(told + 1))
+
+
+def test_a_file_that_others_move_away_is_begun_anew(tmp_path: Path) -> None:
+    path = tmp_path / "events.jsonl"
+    lines = JsonLines(path)
+    lines.append({"n": 0})
+    path.rename(tmp_path / "taken")
+    lines.append({"n": 1})
+    assert numbers(path) == [1]
+
+
+def test_all_is_synced_and_statuses_are_thinned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[int] = []
+    monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_size))
+    path = tmp_path / "events.jsonl"
+    lines = JsonLines(path)
+    for value in (1.0, float("nan")):
+        lines.note("A1", {"value": value})
+    lines.deliver(message("alarm", transition(), id=3))
+    assert len(synced) == 2 and synced[-1] == path.stat().st_size
+    monkeypatch.setattr(targets, "STATUS_EVERY_S", 0.0)
+    lines.note("A1", {"value": float("nan")})
+    told = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
+    assert [line["kind"] for line in told] == ["status", "alarm", "status"]
+    assert told[1] == {"id": 3, "kind": "alarm", "data": transition()}
+    assert told[2]["data"] == {"value": None}, "NaN is no JSON"
