@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 TURN_S = 1.0
-LEAST_SPARE, ENOUGH_SPARE = 0.02, 0.1
-"""Shares of the fleet's time without work: below the first for two turns axes are put off, above the second
-one catches up. What lies between keeps them from going to and fro."""
-STORING = 0.25
-"""What a block costs that is stored alone, of one that is worked (measured: 0.2 to 0.25 of 0.9 ms)."""
-DRAINED = 0.8
-"""Of the axes that the fleet can follow so many are, so that what has come to wait is worked soon."""
-PATIENCE = 5
-"""Turns that what has come to wait is given, before further axes are put off."""
+LEAST_SPARE, CALM_SPARE, ENOUGH_SPARE = 0.02, 0.08, 0.2
+"""Shares of the fleet's time without work: below the first for two turns some axes are put off, and while any
+are also below the second; above the third one catches up. Between them nobody goes to and fro."""
+PUT_OFF = 0.2
+"""Share of the followed axes that is put off in a turn."""
 
 
 class Backlog:
     """Axes that were put off, and when one is next.
-
-    The fleet's time is what working one axis costs, times those followed and `STORING` times the others; from
-    both follows how many it can follow.
 
     Parameters
     ----------
@@ -34,57 +26,39 @@ class Backlog:
 
     Examples
     --------
-    A fleet that works 2 s of data in a second, of three axes:
-
-    >>> backlog = Backlog()
-    >>> for now in (1.0, 2.0, 3.0):
-    ...     backlog.took(2.0, followed=True)
-    ...     print(backlog.turn(now, 0.0, ["A1", "A2", "A3"]))
-    []
-    []
-    ['A2', 'A3']
+    >>> backlog, axes = Backlog(), [f"A{k}" for k in range(5)]
+    >>> [backlog.turn(now, 0.0, waiting, axes) for now, waiting in ((0.0, 0.0), (1.0, 0.5), (2.0, 1.0))]
+    [[], [], ['A4']]
     """
 
     def __init__(self, most_bytes: int = 4 << 30) -> None:
         self._most_bytes = most_bytes
         self.newest: dict[str, float] = {}
         self._bytes: dict[str, int] = {}
-        self.spare, self._can = 1.0, math.inf
-        self._turned: float | None = None
-        self._spare_s = self._worked_s = self._stored_s = 0.0
-        self._short = 0
+        self.spare, self._short = 1.0, 0
+        # When the last turn began (s), what was spare until then, and what waited.
+        self._before: tuple[float, float, float] | None = None
 
-    def took(self, seconds: float, *, followed: bool) -> None:
-        """Count s of data that were worked, or stored alone."""
-        if followed:
-            self._worked_s += seconds
-        else:
-            self._stored_s += seconds
+    def is_due(self, now: float) -> bool:
+        """Whether a turn is over at a monotonic time, s."""
+        return self._before is None or now - self._before[0] >= TURN_S
 
-    def turn(self, now: float, spare_s: float, followed: Sequence[str]) -> list[str]:
-        """Axes that are to be put off now: the last ones of those followed, never the only one.
+    def turn(self, now: float, spare_s: float, waiting_s: float, followed: Sequence[str]) -> list[str]:
+        """Axes that are to be put off now: the last ones of those followed, never the only one, and none
+        while what waits grows less.
 
         Parameters
         ----------
-        now, spare_s : monotonic s, and s without work so far.
+        now, spare_s : monotonic s, and s without work so far. waiting_s : s of data of the axis that
+        lags most.
         """
-        if self._turned is None:
-            self._turned, self._spare_s, self._worked_s = now, spare_s, 0.0
-        span = now - self._turned
-        if span < TURN_S:
+        began, spare, waited = self._before or (now - TURN_S, spare_s - TURN_S, waiting_s)
+        self._before = now, spare_s, waiting_s
+        self.spare = (spare_s - spare) / (now - began)
+        self._short = self._short + 1 if self.spare < (CALM_SPARE if self.newest else LEAST_SPARE) else 0
+        if self._short < 2 or waiting_s < waited or len(followed) < 2:
             return []
-        self.spare = (spare_s - self._spare_s) / span
-        data = self._worked_s + STORING * self._stored_s
-        axes = len(followed) + len(self.newest)
-        can = data / max(span * (1.0 - self.spare), 1e-9)  # s of data a second
-        self._can = (can - STORING * axes) / (1.0 - STORING) if data > 0.0 else math.inf
-        self._turned, self._spare_s, self._worked_s, self._stored_s = now, spare_s, 0.0, 0.0
-        self._short = self._short + 1 if self.spare < LEAST_SPARE else 0
-        if self._short < 2 or len(followed) < 2:
-            return []
-        self._short = -PATIENCE
-        can = max(1, min(int(DRAINED * self._can), len(followed) - 1))
-        return [*followed[can:]]
+        return [*followed[-max(1, round(PUT_OFF * len(followed))) :]]
 
     def put_off(self, axis: str, stamp: float, size: int) -> None:
         """An axis is put off, or another block of it was stored: its newest stamp (s), bytes."""
@@ -105,14 +79,9 @@ class Backlog:
         self.newest.clear()
         self._bytes.clear()
 
-    def next(self, followed: int, *, idle: bool) -> str | None:
-        """The axis that catches up now, if any: the one put off last, as it is behind least.
-
-        Parameters
-        ----------
-        followed : axes that are. idle : nothing else waits.
-        """
-        may = idle or (self.spare > ENOUGH_SPARE and followed < self._can) or self.is_full
+    def next(self, *, idle: bool) -> str | None:
+        """The axis that catches up now, if any: the one put off last, as it is behind least."""
+        may = idle or self.spare > ENOUGH_SPARE or self.is_full
         return next(reversed(self.newest), None) if may else None
 
     @property

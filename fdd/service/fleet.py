@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
-import queue
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as TooLate
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -22,14 +18,17 @@ from fdd.service import storing
 from fdd.service.alarms import ITSELF, Action, AlarmBook, Transition
 from fdd.service.axis import AxisWatch, Look
 from fdd.service.backlog import Backlog
-from fdd.service.blocks import Block, Decoder, encode_arrow
+from fdd.service.blocks import Block, encode_arrow
 from fdd.service.bus import Bus, Event
+from fdd.service.checkpoints import Checkpoints
 from fdd.service.inbox import MOST_TAKEN, Inbox
-from fdd.service.life import profile_key, said_key, worked_key
+from fdd.service.journal import Journal
+from fdd.service.life import said_key, worked_key
 from fdd.service.profiles import Profiles
+from fdd.service.refused import Refused
 from fdd.service.status import AxisDetail, AxisStatus, status_of
 from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
-from fdd.service.storing import Batch, Targets, Writer
+from fdd.service.storing import Asked, Batch, Targets, Writer
 
 LOG = logging.getLogger("fdd.service")
 
@@ -37,19 +36,12 @@ SILENT_S = 3.0
 """Without data of an axis, after which its reorder buffer is flushed. Only time counts in which the fleet had
 nothing to do, and of a step no more than it should take: a sender that waits for this process, or for the
 machine, is not silent. A lost segment of TCP, or a new connection to a broker, takes one or two seconds."""
-CHECKPOINT_S, CHECKPOINT_AXIS_S = 1.0, 0.4
-"""Least time between two checkpoints of an axis, and for each axis that there is: one takes some 20 ms, which
-is 5 % of the processor's time. No block is lost for it: the journal holds what came since."""
 PACE_S = 0.1
 """Blocks are gathered for so long: what they bring is stored at once."""
 FORGOTTEN_S = 60.0
 """Silence after which an axis goes that was refused, or sent less than its units can be checked by."""
-PORTION = 64
-"""Stored blocks that are worked between two steps: some hundredths of a second."""
-MOST_REFUSED, MOST_TOLD = 100, 3
-"""Names of refused axes that are known, as strangers may give any number, and that health tells."""
-ACT_S = 10.0
-"""Seconds that somebody waits for what he did to be stored."""
+MOST_TOLD = 3
+"""Names of refused axes that health tells."""
 
 
 class Fleet:
@@ -94,13 +86,13 @@ class Fleet:
         self._hold, self._learn_s, self._clock = hold, learn_s, clock
         self._has, self._book = has, AlarmBook(ids=ids)
         self._axes: dict[str, AxisWatch] = {}
-        self._refused: dict[str, AxisStatus] = {}
+        self._refused = Refused()
         self._idle_s, self._ended, self._heard = 0.0, time.monotonic(), dict[str, float]()
-        self._asked: queue.Queue[tuple[Callable[[Batch], Any], Future[Any]]] = queue.Queue()
+        self._asked = Asked()
         self._lock = threading.RLock()
-        self._profiles_kept: set[str] = set()
-        self._decoder = Decoder()
         self.writer, self.resumed, self.backlog = Writer(store), 0.0, backlog or Backlog()
+        self._checkpoints = Checkpoints(self.writer, model.sha256, clock)
+        self._journal = Journal(store, self.writer, self.backlog, clock)
 
     def run(self, stop: threading.Event) -> None:
         """Work until `stop` is set; state is kept at the end."""
@@ -118,9 +110,10 @@ class Fleet:
         while not stop.is_set():
             taken = self.step(PACE_S, stop)
             more_waits = taken == MOST_TAKEN
-            if more_waits and not self.backlog.is_full:
-                continue
-            if not self.catch_up(stop, idle=not taken) and not more_waits:
+            caught_up = 0
+            if not more_waits or self.backlog.is_full:
+                caught_up = self.catch_up(stop, idle=not taken)
+            if not more_waits and not caught_up:
                 stop.wait(PACE_S)
         # A step that was given up has changed states and is not stored: kept, its alarms would count as told.
         if self.writer.trouble is None:
@@ -170,43 +163,16 @@ class Fleet:
         except InputError as error:
             note = str(error)
             watch = self._axes[watch.name] = self._new(watch.name, said)
-        worked = self._store.meta(worked_key(watch.name))
-        for number, payload in self._stored(watch.name):
-            if worked is not None and number > int(worked):  # what it brings is still to be told
-                self.backlog.put_off(watch.name, math.nan, self._store.journal_bytes(watch.name))
-                break
+        replayed = self._journal.replayed(watch)
+        while True:
             with self._lock:
-                self.writer.last_row[watch.name] = number
-                self._replay(watch, payload)
+                if next(replayed, None) is None:
+                    break
             yield
-        else:
-            if worked is not None:
-                with self._store.transaction() as t:
-                    t.forget(worked_key(watch.name))
         if note is not None:
             LOG.warning("%s", note)
             with self._store.transaction() as t:
                 t.audit(self._clock(), ITSELF, "STATE_DISCARDED", axis=watch.name, note=note)
-
-    def _stored(self, name: str, most: int | None = None) -> Iterator[tuple[int, bytes]]:
-        """Blocks of an axis (row, payload) that are stored and not in its state, at most so many."""
-        last, left = self.writer.last_row.get(name, 0), math.inf if most is None else most
-        while left > 0 and (rows := self._store.journal(name, last, int(min(left, PORTION)))):
-            yield from rows
-            last, left = rows[-1][0], left - len(rows)
-
-    def _replay(self, watch: AxisWatch, payload: bytes) -> list[Look]:
-        wall = self._clock() - self._behind_s(watch)
-        if not payload:
-            return watch.settle(wall, flush=True)
-        block = self._decoder.decode(payload, "journal", axis=watch.name)
-        return watch.push(replace(block, received=wall))
-
-    def _behind_s(self, watch: AxisWatch) -> float:
-        """s of data that are stored and not worked yet, of an axis that is put off."""
-        clock = watch.order.clock
-        behind = self.backlog.newest.get(watch.name, math.nan) + clock.offset - clock.last_time
-        return max(behind, 0.0) if math.isfinite(behind) else 0.0
 
     def _new(self, name: str, said: str | None) -> AxisWatch:
         def measured(samples: Samples) -> None:
@@ -254,48 +220,34 @@ class Fleet:
         idle : nothing else waits. stop : see `step`.
         """
         with self._lock:
-            name = self.backlog.next(len(self._axes) - len(self.backlog.newest), idle=idle)
+            name = self.backlog.next(idle=idle)
             if name is None:
                 return 0
             watch, batch = self._axes[name], Batch(self._targets, self._clock())
             try:
-                rows = list(self._stored(name, PORTION))
+                payloads, note = self._journal.portion(watch)
             except StoreTrouble as error:
                 self.writer.failed(error)
                 return 0
-            for _, payload in rows:
-                wall = self._clock() - self._behind_s(watch)
-                self._looked(watch, self._replay(watch, payload), wall, batch)
-            last = rows[-1][0] if rows else self.writer.last_row.get(name, 0)
-            self.writer.last_row[name] = last
-            if len(rows) < PORTION:
-                LOG.debug("axis %s is followed again", name)
-                self.backlog.followed_again(name)
-                batch.writes.append(lambda t: t.forget(worked_key(name)))
-            else:
-                self.backlog.worked(name, sum(len(payload) for _, payload in rows))
-                batch.writes.append(lambda t: t.meta(worked_key(name), str(last)))
+            for payload in payloads:
+                wall = self._clock() - self._journal.behind_s(watch)
+                self._looked(watch, self._journal.work(watch, payload), wall, batch)
+            batch.writes.append(note)
         if self.writer.write(batch, stop):
             self._tell(batch)
-        return len(rows)
+        return len(payloads)
 
     def _put_off(self, batch: Batch) -> None:
         """Under overload follow fewer axes: those with an alarm first, then those that came first."""
-        followed = [name for name in self._axes if name not in self.backlog.newest]
-        followed.sort(key=lambda name: not self._book.alarms(name))
-        names = self.backlog.turn(time.monotonic(), self._idle_s, followed)
-        if names:
-            LOG.warning("overloaded: put off are %s", _some(names))
-        for name in names:
-            self.backlog.put_off(name, math.nan, 0)
-
-        def write(t: Transaction) -> None:
-            # The row's number is known only now that this step's blocks are in the journal.
-            for name in names:
-                t.meta(worked_key(name), str(self.writer.last_row.get(name, 0)))
-
-        if names:
-            batch.writes.append(write)
+        now = time.monotonic()
+        if self.backlog.is_due(now):
+            alarmed = {alarm.axis for alarm in self._book.alarms()}
+            followed = [name for name in self._axes if name not in self.backlog.newest]
+            followed.sort(key=lambda name: name not in alarmed)
+            names = self.backlog.turn(now, self._idle_s, self._inbox.waiting_s, followed)
+            if names:
+                LOG.warning("overloaded: %d of %d axes are put off", len(names), len(followed))
+                batch.writes.append(self._journal.put_off(names))
 
     def _worked(self, blocks: list[Block]) -> Batch:
         batch = Batch(self._targets, self._clock())
@@ -306,26 +258,13 @@ class Fleet:
         for name, mine in by_axis.items():
             self._work(name, mine, batch)
         self._flush_silent(set(by_axis), batch)
-        while not self._asked.empty():
-            work, future = self._asked.get()
-            if future.set_running_or_notify_cancel():  # else nobody waits for it any more
-                try:
-                    batch.answers.append((future, work(batch)))
-                except (InputError, KeyError) as error:
-                    future.set_exception(error)
+        self._asked.answer(batch)
         batch.moved(self._book.tick(self._clock()))
-        # Checkpoints of the axes whose turn it is, as many as their share of the time allows.
         self._put_off(batch)
-        now, rows = time.monotonic(), self.writer.last_row
-        every = max(CHECKPOINT_S, CHECKPOINT_AXIS_S * len(self._axes))
-        due = [
-            w for w in self._axes.values()
-            if now - w.kept >= every and w.name in rows and not w.waits and not w.is_new
-            and w.name not in self.backlog.newest
-        ]  # fmt: skip
-        for watch in sorted(due, key=lambda w: w.kept)[: 1 + len(self._axes) // 50]:
+        now = time.monotonic()
+        for watch in self._checkpoints.due(self._axes.values(), self.backlog.newest, now):
             watch.kept = now
-            self._keep(watch, batch)
+            self._checkpoints.keep(watch, batch)
         return batch
 
     def _tell(self, batch: Batch) -> None:
@@ -345,7 +284,6 @@ class Fleet:
         watch.flushed = False
         stored = [(name, block.payload or encode_arrow(block)) for block in blocks]
         batch.journal += stored
-        self.backlog.took(sum(block.seconds for block in blocks), followed=name not in self.backlog.newest)
         if name in self.backlog.newest:
             batch.put_off.add(name)
             newest = max((b.samples.time[-1] for b in blocks if len(b.samples)), default=math.nan)
@@ -354,7 +292,7 @@ class Fleet:
         looks = watch.push(*blocks)
         wall = blocks[-1].received
         if not known:
-            known_of = self._about(watch)
+            known_of = self._checkpoints.about(watch)
             batch.writes += [
                 lambda t: t.axis(name, wall, **known_of),
                 lambda t: t.meta(said_key(name), blocks[0].unit or ""),
@@ -363,24 +301,8 @@ class Fleet:
             batch.events.append(Event("axis", name, 0.0, about))
         self._looked(watch, looks, wall, batch)
 
-    def _about(self, watch: AxisWatch) -> dict[str, str]:
-        """What the store keeps of an axis."""
-        shas = {"profile_sha256": watch.profile_sha256, "model_sha256": self._model.sha256}
-        return {"unit": watch.unit.name, **shas}
-
     def _refuse(self, name: str, why: str, samples: int = 0) -> None:
-        """Note an axis that sends and cannot be watched."""
-        if name not in self._refused:
-            LOG.warning("%s", why)
-            self._refused[name] = AxisStatus(
-                name=name, unit="", state="failed", headline=why, quality={"refused": 0}
-            )
-        status = self._refused[name]
-        status.headline = why
-        status.quality["refused"] += samples
-        while len(self._refused) > MOST_REFUSED:
-            oldest = next(iter(self._refused))
-            del self._refused[oldest]
+        for oldest in self._refused.note(name, why, samples):
             self._heard.pop(oldest, None)
 
     def _forget_strangers(self, newcomers: int, batch: Batch) -> None:
@@ -442,23 +364,6 @@ class Fleet:
             status = self._status(watch).model_dump(mode="json")
             batch.events.append(Event("status", name, looks[-1].time, status))
 
-    def _keep(self, watch: AxisWatch, batch: Batch) -> None:
-        wall, parts = self._clock(), watch.rollups
-        watch.rollups = []
-        held = watch.checkpoint(wall)
-        profile = None if watch.profile_sha256 in self._profiles_kept else watch.unit.to_yaml()
-        self._profiles_kept.add(watch.profile_sha256)
-
-        def write(t: Transaction) -> None:
-            # The row's number is known only now that the blocks are in the journal.
-            t.checkpoint(replace(held, sequence=self.writer.last_row[watch.name]))
-            t.rollup(*parts)
-            if profile is not None:
-                t.meta(profile_key(watch.profile_sha256), profile)
-            t.axis(watch.name, watch.last_wall or wall, last_time=held.time, **self._about(watch))
-
-        batch.writes.append(write)
-
     def keep(self, stop: threading.Event | None = None) -> None:
         """Work what waits, and keep all axes' states now; what is held for a block before it stays held."""
         with self._lock:
@@ -466,8 +371,8 @@ class Fleet:
             for watch in self._axes.values():
                 wall = self._clock()
                 self._looked(watch, watch.settle(wall), wall, batch)
-                if watch.name in self.writer.last_row and not watch.is_new:  # else the journal has it all
-                    self._keep(watch, batch)
+                if self._checkpoints.may(watch):
+                    self._checkpoints.keep(watch, batch)
         if self.writer.write(batch, stop):
             self._tell(batch)
 
@@ -476,18 +381,10 @@ class Fleet:
         found = [] if self.writer.trouble is None else [f"the store cannot be written: {self.writer.trouble}"]
         if self.resumed < 1.0:
             found.append(f"resuming, {100 * self.resumed:.0f} %")
+        off = [watch for name in list(self.backlog.newest) if (watch := self._axes.get(name)) is not None]
+        behind = self._journal.problems(len(self._axes) - len(off), off)
         refused = [status.headline for status in list(self._refused.values())[:MOST_TOLD]]
-        return found + refused + self._inbox.problems() + self._overloaded()
-
-    def _overloaded(self) -> list[str]:
-        with self._lock:
-            off = [self._axes[name] for name in self.backlog.newest]
-            behind = max(map(self._behind_s, off), default=0.0)
-            followed = f"{len(self._axes) - len(off)} of {len(self._axes)} axes are followed"
-        if not off:
-            return []
-        late = f"the others are stored and worked later, {behind:.0f} s behind"
-        return [f"overloaded: {followed}, {late}: {_some([watch.name for watch in off])}"]
+        return found + refused + self._inbox.problems() + behind
 
     @property
     def count(self) -> int:
@@ -503,7 +400,7 @@ class Fleet:
         zone = self._zone.get(watch.name) if isinstance(self._zone, Mapping) else self._zone
         counters = self._inbox.counters(watch.name)
         if watch.name in self.backlog.newest:
-            counters["lag_s"] += self._behind_s(watch)
+            counters["lag_s"] += self._journal.behind_s(watch)
             counters["put_off"] = 1.0
         return status_of(watch, self._book.alarms(watch.name), counters, self._clock(), zone)
 
@@ -531,7 +428,7 @@ class Fleet:
             batch.moved([transition])
             return transition
 
-        done: Transition = self._ask(work)
+        done: Transition = self._asked.ask(work)
         return done
 
     def remove(self, axis: str, who: str) -> None:
@@ -545,21 +442,4 @@ class Fleet:
                 raise KeyError(axis)
             self._forget(axis, who, batch)
 
-        self._ask(work)
-
-    def _ask(self, work: Callable[[Batch], Any]) -> Any:
-        """Let the fleet's thread do something, and wait until it is stored."""
-        future: Future[Any] = Future()
-        self._asked.put((work, future))
-        try:
-            return future.result(ACT_S)
-        except TooLate:
-            future.cancel()
-            problem = f"not stored within {ACT_S:g} s: the store is away, or the service is busy"
-            raise StoreTrouble(problem, mend="try again") from None
-
-
-def _some(names: Sequence[str]) -> str:
-    """The first names of a list, and how many more."""
-    more = f" and {len(names) - MOST_TOLD} more" if len(names) > MOST_TOLD else ""
-    return ", ".join(names[:MOST_TOLD]) + more
+        self._asked.ask(work)

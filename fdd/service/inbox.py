@@ -139,6 +139,12 @@ class Inbox:
             self._changed.notify_all()
         return taken
 
+    @property
+    def waiting_s(self) -> float:
+        """s of data that wait of the axis that lags most."""
+        with self._changed:
+            return max((queue.seconds for queue in self._queues.values()), default=0.0)
+
     def counters(self, axis: str) -> dict[str, float]:
         """Of an axis: samples dropped, s of data that wait."""
         with self._changed:

@@ -17,11 +17,10 @@ from fdd.service.bus import Bus, Event
 from fdd.service.config import Outputs as OutputsConfig
 from fdd.service.config import Serve
 from fdd.service.config_sources import MqttSource, source_name
-from fdd.service.fleet import ACT_S
 from fdd.service.outputs.delivery import Outputs
 from fdd.service.status import AxisDetail, AxisStatus
 from fdd.service.store import LeaseLost, Store, StoreTrouble
-from fdd.service.storing import Targets
+from fdd.service.storing import ACT_S, Targets
 from fdd.service.watch import Share, Watch
 
 LOG = logging.getLogger("fdd.service")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+import queue
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
+from concurrent.futures import TimeoutError as TooLate
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any
@@ -14,11 +16,13 @@ from uuid import uuid4
 from fdd.errors import InputError
 from fdd.service.alarms import Transition
 from fdd.service.bus import Event, Kind
-from fdd.service.store import LeaseLost, Store, Transaction
+from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
 
 LOG = logging.getLogger("fdd.service")
 BACKOFF_S = (0.1, 5.0)
 """First and longest wait before a store that failed is tried again."""
+ACT_S = 10.0
+"""Seconds that somebody waits for what he did to be stored."""
 Targets = Mapping[tuple[Kind, bool], Sequence[str]]
 """Kind of event, and whether people are told, to the targets of its outbox."""
 
@@ -102,3 +106,34 @@ class Writer:
             else:
                 self.trouble = None
                 return True
+
+
+class Asked:
+    """What other threads let the fleet's thread do, answered once it is stored."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.Queue[tuple[Callable[[Batch], Any], Future[Any]]] = queue.Queue()
+
+    def answer(self, batch: Batch) -> None:
+        """Do all that was asked, in the fleet's thread."""
+        while not self._waiting.empty():
+            work, future = self._waiting.get()
+            if future.set_running_or_notify_cancel():  # else nobody waits for it any more
+                try:
+                    batch.answers.append((future, work(batch)))
+                except (InputError, KeyError) as error:
+                    future.set_exception(error)
+
+    def ask(self, work: Callable[[Batch], Any]) -> Any:
+        """Let the fleet's thread do something, and wait until it is stored.
+
+        Raises StoreTrouble: it was not stored in time.
+        """
+        future: Future[Any] = Future()
+        self._waiting.put((work, future))
+        try:
+            return future.result(ACT_S)
+        except TooLate:
+            future.cancel()
+            problem = f"not stored within {ACT_S:g} s: the store is away, or the service is busy"
+            raise StoreTrouble(problem, mend="try again") from None

@@ -85,8 +85,8 @@ def test_live_is_what_the_pipeline_says_of_the_whole(lags: bool, store: Store, l
 def test_it_goes_on_from_its_checkpoint_and_journal(
     every: float, store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fdd.service.fleet.CHECKPOINT_S", every)
-    monkeypatch.setattr("fdd.service.fleet.CHECKPOINT_AXIS_S", 0.0)
+    monkeypatch.setattr("fdd.service.checkpoints.CHECKPOINT_S", every)
+    monkeypatch.setattr("fdd.service.checkpoints.CHECKPOINT_AXIS_S", 0.0)
     blocks = blocks_of(log)
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks[:252])
@@ -108,7 +108,8 @@ def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice(
     restarts: bool, store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     due = list[list[str]]()
-    monkeypatch.setattr(Backlog, "turn", lambda self, now, spare, followed: due.pop() if due else [])
+    monkeypatch.setattr(Backlog, "is_due", lambda self, now: True)
+    monkeypatch.setattr(Backlog, "turn", lambda self, *given: due.pop() if due else [])
     blocks = list(zip(blocks_of(log, "A1"), blocks_of(log, "A2"), strict=True))
     fleet, inbox, _ = fleet_of(store)
     for n, pair in enumerate(blocks):
@@ -353,7 +354,8 @@ def test_after_a_crash_it_is_asked_while_it_resumes(
     store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fleet, inbox, _ = fleet_of(store)
-    monkeypatch.setattr("fdd.service.fleet.CHECKPOINT_S", 1e9)  # the first one alone: most is in the journal
+    # The first one alone: most is in the journal.
+    monkeypatch.setattr("fdd.service.checkpoints.CHECKPOINT_S", 1e9)
     send(fleet, inbox, blocks_of(log.rows(0, 40_000)))
     again = Fleet(Profiles(fallback="axis_a"), Model.load(), store, Bus(), Inbox())
     resuming, told = threading.Thread(target=again.resume), set()

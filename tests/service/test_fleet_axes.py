@@ -120,7 +120,7 @@ def test_strangers_of_one_message_each_leave_the_place_to_others(
     store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch, ticking: list[float]
 ) -> None:
     monkeypatch.setattr("fdd.service.fleet.MOST_AXES", 5)
-    monkeypatch.setattr("fdd.service.fleet.MOST_REFUSED", 3)
+    monkeypatch.setattr("fdd.service.refused.MOST_REFUSED", 3)
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(log.rows(0, 6000)))
     for k in range(20):

@@ -95,7 +95,8 @@ def main(url: str, log: str, seed: int) -> None:
         samples = Samples(stored["time"], {n: stored[n] for n in stored.files if n != "time"})
     fleet, inbox, _ = fleet_of(Store(url))
     rng = random.Random(seed)
-    fleet.backlog.turn = lambda now, spare, followed: [  # type: ignore[method-assign]
+    fleet.backlog.is_due = lambda now: True  # type: ignore[method-assign]
+    fleet.backlog.turn = lambda now, spare_s, waiting_s, followed: [  # type: ignore[method-assign]
         name for name in followed if name == "A2" and rng.random() < 0.02
     ]
     begin = {status.name: status.samples // ROWS - 20 for status in fleet.axes()}
