@@ -108,12 +108,11 @@ class Fleet:
         if self.resumed < 1.0:
             return
         while not stop.is_set():
-            taken = self.step(PACE_S, stop)
-            more_waits = taken == MOST_TAKEN
-            caught_up = 0
-            if not more_waits or self.backlog.is_full:
-                caught_up = self.catch_up(stop, idle=not taken)
-            if not more_waits and not caught_up:
+            began, taken = time.monotonic(), self.step(PACE_S, stop)
+            # A step that took longer than its blocks took to come has no time for others.
+            quick = not taken or (taken < MOST_TAKEN and time.monotonic() - began < PACE_S)
+            caught_up = self.catch_up(stop, idle=not taken) if quick or self.backlog.is_full else 0
+            if taken < MOST_TAKEN and not caught_up:
                 stop.wait(PACE_S)
         # A step that was given up has changed states and is not stored: kept, its alarms would count as told.
         if self.writer.trouble is None:
