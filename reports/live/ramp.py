@@ -216,8 +216,8 @@ class Overload:
     """More axes than the service can watch.
 
     `axes`, `seconds`: sent. `followed`: axes that gave all their looks in the second half. `lag`: s, median
-    of those looks. `told`: by health. `rss`: bytes, the most seen. `sent`, `worked`: samples, worked when all was caught up or time was over.
-    `caught_up_s`: s after the sender's end until then.
+    of those looks. `told`: by health. `rss`: bytes, the most seen. `sent`, `worked`: samples, worked when all
+    was caught up or time was over. `caught_up_s`: s after the sender's end until then.
     """
 
     axes: int
