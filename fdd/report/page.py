@@ -100,12 +100,13 @@ class Sheet:
 
     Attributes
     ----------
-    kicker : above the headline: what it is about. kind : of verdict, which gives the colour.
+    kicker : above the headline: what it is about. kind : of verdict, which gives mark and colour; plain
+        where none is given.
     """
 
     kicker: str
     headline: str
-    kind: Literal["healthy", "faulty", "inconclusive"]
+    kind: Literal["healthy", "faulty", "inconclusive", "plain"]
     remarks: list[str]
     tables: list[Table]
     sections: list[Section]
@@ -124,7 +125,7 @@ def render_sheet(sheet: Sheet, *, alone: bool = True, made: datetime | None = No
         section.figures[-1].wide = len(section.figures) % 2 == 1
     return page(
         "sheet.html", [f for s in shown for f in s.figures], alone=alone, made=made, sheet=sheet,
-        sections=shown, mark=MARKS[sheet.kind], version=fdd.__version__,
+        sections=shown, mark=MARKS.get(sheet.kind), version=fdd.__version__,
     )  # fmt: skip
 
 

@@ -119,6 +119,7 @@ def test_each_kind_tells_and_says_what_it_does_not(run, healthy_strokes, tmp_pat
         low, high = told["interval"]
         assert low <= told["value"] <= high and told["quantity"] in page.read_text()
     assert found["told"] or found["not_told"]
+    assert 'class="panel verdict healthy"' not in page.read_text(), "an experiment says nothing of health"
     # 80 columns cut neither numbers nor names.
     cells = [cell for row in found["table"] for cell in row.values()]
     assert all(word in result.stdout for cell in cells for word in cell.split())

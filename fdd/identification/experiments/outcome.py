@@ -125,7 +125,7 @@ class Outcome:
         tables = [Table(*t, note=note, numbers=False) for t, note in zip(listed, how, strict=False)]
         return Sheet(
             kicker=f"{', '.join(logs)}, profile {unit}", headline=self.title,
-            kind="healthy" if told else "inconclusive",
+            kind="plain" if told else "inconclusive",
             remarks=[f"Not told: {sentence}" for sentence in self.not_told] + ([] if tables else self.notes),
             tables=tables, sections=[Section("Plots", "", self.figures)],
         )  # fmt: skip
