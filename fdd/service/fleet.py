@@ -107,8 +107,9 @@ class Fleet:
                 stop.wait(storing.BACKOFF_S[1])
         if self.resumed < 1.0:
             return
+        caught_up = 0
         while not stop.is_set():
-            began, taken = time.monotonic(), self.step(PACE_S, stop)
+            began, taken = time.monotonic(), self.step(0.0 if caught_up else PACE_S, stop)
             # A step that took longer than its blocks took to come has no time for others.
             quick = not taken or (taken < MOST_TAKEN and time.monotonic() - began < PACE_S)
             caught_up = self.catch_up(stop, idle=not taken) if quick or self.backlog.is_full else 0
