@@ -13,6 +13,7 @@ from fdd.cli.failures import Commands, prepare_process
 from fdd.cli.options import EngineOption, WorkersOption
 from reports import budget, disturbed, identification, left_out, scales
 from reports.estimators.report import estimators
+from reports.live.outage import outage
 from reports.live.report import load
 from reports.live.soak import soak
 from reports.plant.report import plant
@@ -28,7 +29,7 @@ app = typer.Typer(
     name="reports", cls=Commands, add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True,
     help="Measure what README and reports say of fdd.",
 )  # fmt: skip
-for command in (thesis, plant, estimators, load, soak, troubles):
+for command in (thesis, plant, estimators, load, outage, soak, troubles):
     app.command()(command)
 
 

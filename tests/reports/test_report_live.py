@@ -97,3 +97,12 @@ def test_harder_cases_and_overload_are_told() -> None:
         "9,600,000 samples were sent; 9,600,000 were worked 90 s after",
     ):
         assert told in text
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(why_not() is not None, reason=str(why_not()))
+def test_an_outage_loses_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    app(["outage", "--axes", "2", "--seconds", "40"], standalone_mode=False)
+    said = capsys.readouterr().out
+    assert "100,000 of 100,000 samples are worked" in said
+    assert "1 findings, 1 alarms raised, of 1 axes that leak" in said
