@@ -94,10 +94,13 @@ def decide(
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left)
             return _each_once(found), score
-        # The largest gain over its misfit leads: a part of a large deviation may have the larger score.
         sure = [f for f in fits if f.score - against >= threshold]
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
-        seed = max(stand or sure, key=lambda f: f.gain / np.sqrt(f.reduced_chi_square))
+        # Of those in the balances of the best, the largest gain over its misfit leads: a part of a large
+        # deviation may have the larger score.
+        best = max(stand or sure, key=lambda f: f.score).hypothesis.columns.keys()
+        rivals = [f for f in stand or sure if best & f.hypothesis.columns.keys()]
+        seed = max(rivals, key=lambda f: f.gain / np.sqrt(f.reduced_chi_square))
         if stand:
             fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_FRAMES]
         found.append(_isolated(evidence, seed, fits, score))
