@@ -15,20 +15,9 @@ from fdd.plant import conditions as c
 from fdd.plant.oil import stiff_bulk_modulus
 from fdd.plant.rows import FRICTION_TIME, axis_conditions
 from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import prepare
-from fdd.plant.simulate import stream as run_in_blocks
 from fdd.unit import Unit
 
 STATED = Recipe(schema="fdd.recipe/1", healthy_share=1.0, population="stated", bases=["axis_a"])
-
-
-@pytest.mark.parametrize("kind", ["normal", "lognormal", "uniform"])
-def test_a_spread_has_its_width_and_no_tails(kind: str) -> None:
-    spread, rng = population.Spread(kind, 0.2, "a test"), np.random.default_rng(2)  # type: ignore[arg-type]
-    drawn = np.array([spread.factor(rng) for _ in range(4000)])
-    seen = np.log(drawn) if kind == "lognormal" else drawn - 1.0
-    assert seen.std() == pytest.approx(0.2 / math.sqrt(3.0) if kind == "uniform" else 0.2, rel=0.05)
-    assert abs(seen.mean()) < 0.015 and np.abs(seen).max() <= (0.2 if kind == "uniform" else 0.6) + 1e-12
 
 
 def test_units_differ_by_what_is_stated() -> None:
@@ -119,25 +108,3 @@ def test_friction_wanders_with_the_std_and_time_that_are_asked_for() -> None:
     lagged = np.mean(wander[20:] * wander[:-20]) / np.mean(wander**2)
     assert lagged == pytest.approx(math.exp(-20.0 / FRICTION_TIME), abs=0.15)
     assert np.abs(np.diff(wander)).max() < 1.5, "no jumps"
-
-
-def test_wandering_friction_is_the_same_bits_however_a_run_is_cut_and_with_any_fault() -> None:
-    scenario = Scenario(duration=9.0, friction_wander=0.04, seed=7)
-    whole = friction(scenario, 0, 9000)
-    cut = np.concatenate([friction(scenario, a, b) for a, b in ((0, 1), (1, 333), (333, 8999), (8999, 9000))])
-    assert whole.tobytes() == cut.tobytes() and np.ptp(whole) > 0.01
-    leaking = scenario.model_copy(update={"faults": Scenario(
-        duration=9.0, faults=[{"fault": "internal_leakage", "severity": 1.0}]).faults})  # fmt: skip
-    assert friction(leaking, 0, 9000).tobytes() == whole.tobytes()
-    assert not np.array_equal(friction(scenario, 0, 9000, axis=2), whole)
-    assert np.all(friction(scenario.model_copy(update={"friction_wander": 0.0}), 0, 9000) == 1.0)
-    short = scenario.model_copy(update={"duration": 2.0})
-    runs = [list(run_in_blocks(Unit.load("axis_a"), short, block=b)) for b in (2000, 700)]
-    logs = [np.concatenate([axes[0].samples["pressure_1"] for axes in blocks]) for blocks in runs]
-    assert logs[0].tobytes() == logs[1].tobytes()
-    still = prepare(Unit.load("axis_a"), short.model_copy(update={"friction_wander": 0.0})).conditions(0, 50)[
-        0
-    ]
-    moved = prepare(Unit.load("axis_a"), short).conditions(0, 50)[0]
-    others = [k for k in range(c.COLUMNS) if k not in (c.FRICTION_FORWARD, c.FRICTION_REVERSE)]
-    assert np.array_equal(still[..., others], moved[..., others]), "nothing else moves"

@@ -21,7 +21,7 @@ from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality
 from fdd.diagnosis.model import root
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
-from reports import disturbed, left_out
+from reports import disturbed
 
 RECIPE = """
 schema: fdd.recipe/1
@@ -204,11 +204,6 @@ def test_validation_compares_each_log_with_its_truth(tiny_set: Path) -> None:
     assert summary(outcomes) in report_text(outcomes, Dataset.load(tiny_set))
 
 
-def test_a_model_that_is_none_is_refused_before_any_work(tiny_set: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such model file"):
-        validate(tiny_set, str(tmp_path / "none.json"), workers=1)
-
-
 @pytest.mark.slow
 def test_what_must_not_matter_does_not(tiny_set: Path) -> None:
     compared = disturbed.disturbed(tiny_set, workers=1)
@@ -216,18 +211,6 @@ def test_what_must_not_matter_does_not(tiny_set: Path) -> None:
     assert {c.healthy for c in compared} <= {True, False} and any(not c.healthy for c in compared)
     assert all(c.verdict and c.fault and c.onset for c in compared), [c for c in compared if not c.onset]
     assert f"| 50 ms missing | {len(compared) // len(disturbed.DISTURBANCES)} |" in disturbed.table(compared)
-
-
-def test_a_difference_is_told() -> None:
-    other = disturbed.Comparison("u", "50 ms missing", healthy=False, verdict=True, fault=False, onset=False)
-    assert "0.00 (0.00 to 0.79) of 1" in disturbed.table([other])
-
-
-@pytest.mark.slow
-def test_a_kind_that_the_catalogue_does_not_have_is_told_as_what_it_is_taken_for(tiny_set: Path) -> None:
-    said = left_out.left_out(tiny_set, workers=1)
-    assert {kind for kind, _ in said} == {"internal_leakage"}
-    assert {what for _, what in said} <= {"unknown", "a neighbour", "another"}, "gross: something is said"
 
 
 @pytest.mark.parametrize("shape", [0.0, 0.2, 0.4])

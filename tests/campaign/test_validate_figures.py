@@ -1,32 +1,38 @@
-"""Estimates against a truth that is known, and what is written of outcomes: no plant, no filters."""
+"""Estimates against a known truth, laws that the training had, and what is written of outcomes."""
 
 from __future__ import annotations
 
-import csv
-import io
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from test_generate import contents, small
 from test_train_validate import cells, finding, label, outcome
 
 from fdd.campaign import train
+from fdd.campaign.card import card
+from fdd.campaign.dataset import Dataset, Label
+from fdd.campaign.generate import _trouble, generate
+from fdd.campaign.loading import truth_table
 from fdd.campaign.scores import Outcome
-from fdd.campaign.validate import estimate_errors, outcomes_csv, summary
+from fdd.campaign.validate import estimate_errors, summary
 from fdd.diagnosis.answering import Z80
 from fdd.diagnosis.findings import Trajectories
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
 from fdd.plant.truth import Truth
 from fdd.residuals.oil import air_compliance
 from fdd.unit import Unit
-from reports import left_out
 
 N = 4000
 TIME = np.arange(N) * 0.01
-LEAK, BULK = 7e-12, 3e8
+LEAKAGE, BULK = 7e-12, 3e8
 
 
 def truth(severity: np.ndarray | None = None, bulk: float = BULK) -> Truth:
     time = np.arange(800) * 0.05
-    columns = {"leakage": np.full(time.size, LEAK), "bulk_modulus": np.full(time.size, bulk)}
+    columns = {"leakage": np.full(time.size, LEAKAGE), "bulk_modulus": np.full(time.size, bulk)}
     return Truth(time, columns, {} if severity is None else {"aeration": np.interp(time, TIME, severity)})
 
 
@@ -46,7 +52,7 @@ def errors(found: Trajectories, of: Truth, profile: Unit | None = None) -> dict[
 
 
 def test_an_estimates_error_is_its_median_while_it_is_observable_and_settled() -> None:
-    leak = np.full(N, LEAK * 1.1)
+    leak = np.full(N, LEAKAGE * 1.1)
     leak[TIME <= 5.0] = 1.0  # the first five seconds do not count
     leak[TIME > 30.0] *= 1.1
     seen = TIME < 38.0
@@ -59,7 +65,7 @@ def test_an_estimates_error_is_its_median_while_it_is_observable_and_settled() -
 
 def test_while_a_fault_changes_the_plant_and_shortly_after_no_estimate_counts() -> None:
     step = (TIME >= 20.0).astype(float)
-    leak = np.where((TIME > 19.95) & (TIME < 24.9), 1.0, LEAK)  # lost for as long as a filter may need
+    leak = np.where((TIME > 19.95) & (TIME < 24.9), 1.0, LEAKAGE)  # lost for as long as a filter may need
     found = errors(tracked(leak, np.full(N, BULK)), truth(step))
     assert found["leakage"][0] == 0.0
     assert found["leakage"][1] == pytest.approx((40.0 - 5.0 - 5.2) / 40.0, abs=0.01)
@@ -72,7 +78,7 @@ def test_leakage_is_compared_by_area_and_stiffness_by_volume_over_area() -> None
     profile.cylinder = c.model_copy(
         update={"area_1": 1.03 * c.area_1, "volume_1": 1.08 * c.volume_1, "volume_2": 1.08 * c.volume_2}
     )
-    found = errors(tracked(np.full(N, 1.03 * LEAK), np.full(N, BULK * 1.08 / 1.03)), truth(), profile)
+    found = errors(tracked(np.full(N, 1.03 * LEAKAGE), np.full(N, BULK * 1.08 / 1.03)), truth(), profile)
     assert found["leakage"][0] == pytest.approx(0.0, abs=1e-9)
     assert found["bulk_modulus"][0] == pytest.approx(0.0, abs=1e-9)
 
@@ -89,7 +95,7 @@ def test_bulk_modulus_is_compared_at_the_profiles_reference_pressure() -> None:
     stiff, share = 1.0 / oil.bulk_modulus - oil.air_fraction * air(here), oil.air_fraction + 0.004
     profile = axis.model_copy(update={"oil": oil.model_copy(update={"reference_pressure": there})})
     found = errors(
-        tracked(np.full(N, LEAK), np.full(N, 1.0 / (stiff + share * air(there)))),
+        tracked(np.full(N, LEAKAGE), np.full(N, 1.0 / (stiff + share * air(there)))),
         truth(bulk=1.0 / (stiff + share * air(here))),
         profile,
     )
@@ -116,17 +122,6 @@ def test_the_summary_counts_what_was_found_and_what_was_answered() -> None:
     assert rows["EKF leakage"] == ["3.0 %", "4.6 %", "3 of 4", "50 %"]
 
 
-def test_each_log_has_its_line_of_truth_and_answer() -> None:
-    said = outcome([label("internal_leakage")], [finding("pump_wear", 11.0, 0.7)])
-    healthy = outcome([], [])
-    one, other = csv.DictReader(io.StringIO(outcomes_csv([said, healthy])))
-    assert (one["true_fault"], one["answered_fault"]) == ("internal_leakage", "pump_wear")
-    assert (one["true_onset_s"], one["answered_onset_s"], one["confidence"]) == ("10.0", "11.0", "0.7")
-    assert (one["true_severity"], one["answered_severity"]) == ("0.5", "0.4")
-    assert one["ekf_leakage_error"] == "0.02" and one["load"] == "spring" and one["duty"] == "steps"
-    assert (other["true_fault"], other["answered_fault"], other["verdict"]) == ("", "", "healthy")
-
-
 @pytest.mark.parametrize("true", [0.2, 0.39, 0.5, 0.9])
 def test_a_severity_is_as_doubtful_as_its_interval_fell_short(true: float) -> None:
     """With that doubt beside the log's own error, the 80 % interval just reaches the true severity."""
@@ -139,17 +134,29 @@ def test_a_severity_is_as_doubtful_as_its_interval_fell_short(true: float) -> No
     assert reach == pytest.approx(max(abs(true - size), Z80 * own), rel=1e-6)
 
 
-def test_a_doubt_needs_one_fault_that_was_named() -> None:
-    entry = outcome([label("aeration")], []).entry
-    two = outcome([label("aeration"), label("internal_leakage")], []).entry
-    said = finding("aeration")
-    assert np.isfinite(train._doubt(entry, [said], 0.1))
-    sizeless = said.model_copy(update={"severity_interval": None})
-    for of, found in ((entry, []), (entry, [finding("pump_wear")]), (two, [said]), (entry, [sizeless])):
-        assert np.isnan(train._doubt(of, found, 0.1))
+LEAK, WORN, AIR = "internal_leakage", "pump_wear", "aeration"
 
 
-def test_what_is_said_of_kinds_left_out_is_counted() -> None:
-    told = left_out.table([("aeration", "unknown"), ("aeration", "another"), ("pump_wear", "nothing")])
-    assert "| aeration | 0 | 1 | 0 | 1 |" in told and "| pump wear | 1 | 0 | 0 | 0 |" in told
-    assert "0.50" in told and "of 2" in told
+def test_labels_truth_table_and_card_carry_law_and_course(tmp_path: Path) -> None:
+    recipe = small(units=1, logs_per_unit=3, healthy_share=0.0, faults={LEAK: {"laws": ["opening"]}},
+                   profiles={"exponential": 1}, population="stated")  # fmt: skip
+    data = Dataset.load(generate(recipe, tmp_path / "set"))
+    assert {(f.law, f.profile) for e in data.logs for f in e.faults} == {("opening", "exponential")}
+    assert set(truth_table(data)["law"]) == {"opening"}
+    text = card(data)
+    assert "| opening 3 | exponential 3 |" in text and "fdd.campaign.population" in text
+    plain = data.logs[0].faults[0].model_dump()
+    del plain["law"]
+    assert Label(**plain).law is None, "labels of before the laws"
+    assert contents(generate(recipe, tmp_path / "again")) == contents(data.directory)
+
+
+def test_a_relief_valve_whose_setting_fell_may_relieve() -> None:
+    """Else every log in which it shows would be drawn anew."""
+    run = simulate(Unit.load("axis_a"), Scenario(
+        duration=3.0, load={"name": "constant", "level": 2500.0}, duty={"name": "standstill"},
+        faults=[{"fault": "relief_valve_stuck_open", "severity": 0.65, "law": "setting"}],
+    ))  # fmt: skip
+    assert np.mean(np.abs(run.truth["relief_flow"]) > 1e-7) > 0.5 and not _trouble(run)
+    healthy = run.scenario.model_copy(update={"faults": []})
+    assert "relief valve" in _trouble(replace(run, scenario=healthy))

@@ -118,25 +118,6 @@ def test_any_cut_gives_the_same_answer(unit: Unit, answer: Answer, leaking: Samp
     assert said(pushed(unit, leaking, cuts)) == text(answer(leaking))
 
 
-def test_small_blocks_give_the_same_answer(unit: Unit, leaking: Samples) -> None:
-    short = leaking.rows(0, 21_000)
-    assert said(pushed(unit, short, list(range(0, 1_000, 7))[1:])) == said(pushed(unit, short, []))
-
-
-@pytest.mark.slow
-@SHARED
-@given(at=st.integers(1_000, 30_000))
-def test_fifty_lost_milliseconds_change_nothing(
-    unit: Unit, answer: Answer, leaking: Samples, at: int
-) -> None:
-    keep = np.ones(len(leaking), dtype=bool)
-    keep[at : at + 50] = False
-    whole, holed = answer(leaking), pushed(unit, chosen(leaking, keep), []).finish()
-    assert holed.verdict == whole.verdict
-    assert holed.faults[0].family == whole.faults[0].family
-    assert abs(holed.faults[0].onset_s - whole.faults[0].onset_s) <= 1.0
-
-
 def test_one_early_row_changes_nothing(unit: Unit, leaking: Samples) -> None:
     start = leaking.rows(600, len(leaking))
     early = Samples(
@@ -147,16 +128,6 @@ def test_one_early_row_changes_nothing(unit: Unit, leaking: Samples) -> None:
     assert [f.fault for f in one.faults] == [f.fault for f in other.faults]
     assert [f.onset_s for f in one.faults] == [f.onset_s for f in other.faults]
     assert other.faults[0].severity == pytest.approx(one.faults[0].severity, abs=0.05)
-
-
-def test_without_its_first_five_seconds_a_log_says_the_same(
-    unit: Unit, answer: Answer, leaking: Samples
-) -> None:
-    whole, late = answer(leaking), pushed(unit, leaking.rows(5_000, len(leaking)), []).finish()
-    assert late.verdict == whole.verdict
-    assert [f.fault for f in late.faults] == [f.fault for f in whole.faults]
-    assert abs(late.faults[0].onset_s - whole.faults[0].onset_s) <= 1.0
-    assert late.faults[0].severity == pytest.approx(whole.faults[0].severity, rel=0.2)
 
 
 @pytest.mark.parametrize(
@@ -241,23 +212,6 @@ def test_a_channel_that_comes_late_is_waited_for(
     late, whole = pushed(unit, Samples(leaking.time, columns), cuts).finish(), answer(leaking)
     assert [f.fault for f in late.faults if f.family != "sensor"] == [f.fault for f in whole.faults]
     assert late.estimates["leakage"].value == pytest.approx(whole.estimates["leakage"].value, rel=0.1)
-
-
-def test_missing_channels_are_named(unit: Unit) -> None:
-    time = np.arange(2_000) * 1e-3
-    samples = Samples(time, {"position": np.zeros(2_000), "pump_speed": np.zeros(2_000)})
-    with pytest.raises(InputError, match=r"pressure_difference \(or pressure_1"):
-        Pipeline(unit).push(samples)
-
-
-def test_inputs_are_not_changed(unit: Unit, leaking: Samples) -> None:
-    short = leaking.rows(0, 9_000)
-    before = {n: short[n].copy() for n in short.channels}
-    profile = unit.to_yaml()
-    pushed(unit, short, [1_000])
-    assert unit.to_yaml() == profile
-    for name, values in before.items():
-        np.testing.assert_array_equal(short[name], values)
 
 
 @pytest.mark.slow

@@ -79,13 +79,6 @@ def test_a_second_look_at_the_same_end_counts_once(tiny_model: Model) -> None:
     )
 
 
-def test_a_fault_that_grows_is_not_over() -> None:
-    """Its end takes away what it was, and never adds to it."""
-    grown = drawn(1, [(INNER, 0.6, 20), (INNER, 0.6, 50)])
-    found, _ = decide(grown, [INNER, AIR], 4.0, [INNER.label])
-    assert found and all(f.lead.hypothesis.ends is None for f in found)
-
-
 def test_an_onset_is_not_before_the_first_sample_and_stays_once_its_frames_are_gone(
     tiny_model: Model,
 ) -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from estimators.eha import model as eha
 from estimators.eha.update import COUPLED, MOVING, layers_exceeded, propagate, selected_update, update
-from estimators.kernels import kalman_update, svsf_gain
+from estimators.kernels import svsf_gain
 from estimators.linalg import project
 
 N = eha.STATES
@@ -41,37 +41,6 @@ def correlations(P: np.ndarray, like: np.ndarray) -> np.ndarray:
     """`P` in units of the standard deviations of `like`."""
     spread = np.sqrt(np.diag(like))
     return P / np.outer(spread, spread)
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_covariance_step_is_the_dense_one(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    F = np.eye(N)
-    F[:MOVING] += rng.standard_normal((MOVING, N)) * (rng.random((MOVING, N)) < 0.5)
-    G = np.zeros((N, 4))
-    G[:MOVING] = rng.standard_normal((MOVING, 4))
-    P, noise, diag = covariance(rng), 10.0 ** rng.uniform(-6.0, 3.0, 4), 10.0 ** rng.uniform(-8.0, 0.0, N)
-    apart = F.copy()
-    apart[:MOVING, COUPLED:] = 0.0  # friction and load act on motion, but are no part of this
-    expected = apart @ P @ apart.T + G @ np.diag(noise) @ G.T + np.diag(diag)
-    propagate(P, F, G, noise, diag, np.empty((MOVING, N)))
-    np.testing.assert_array_equal(P, P.T)
-    np.testing.assert_allclose(correlations(P, expected), correlations(expected, expected), atol=1e-12)
-
-
-@given(st.integers(0, 2**32 - 1), st.lists(st.booleans(), min_size=M, max_size=M))
-def test_update_is_the_kalman_filters(seed: int, used: list[bool]) -> None:
-    rng, mask = np.random.default_rng(seed), np.array(used)
-    x, P = rng.standard_normal(N), covariance(rng, 1.5)
-    y, r = rng.standard_normal(M), 10.0 ** rng.uniform(-2.0, 2.0, M)
-    x_dense, P_dense = x.copy(), P.copy()
-    expected = kalman_update(x_dense, P_dense, y, outputs(), r, mask)
-    spread = np.sqrt(np.diag(P))
-    found = update(x, P, y, PLUS, MINUS, r, mask, np.empty((2, N)))
-    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose((x - x_dense) / spread, 0.0, atol=1e-8)
-    np.testing.assert_array_equal(P, P.T)
-    np.testing.assert_allclose(P / np.outer(spread, spread), P_dense / np.outer(spread, spread), atol=1e-10)
 
 
 @pytest.mark.parametrize("channel", range(M))

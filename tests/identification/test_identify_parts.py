@@ -9,12 +9,9 @@ from hypothesis import strategies as st
 from scipy.signal import butter, sosfilt
 
 from fdd.identification.friction import curve, fit_friction
-from fdd.identification.identify import _keep_gain
-from fdd.identification.profile import Identification
 from fdd.identification.record import Record
 from fdd.identification.sensors import effective_noise, resolution
 from fdd.residuals.oil import air_compliance, free_air
-from fdd.tolerances import tolerance
 from fdd.unit import Unit
 
 
@@ -88,17 +85,3 @@ def test_friction_is_seen_through_gusts_or_kept() -> None:
     record, unit = _gusty(9, 2.0, 18_000.0)
     fits, notes = fit_friction([record], unit.cylinder, unit.friction)
     assert not fits and "not sharp enough" in notes[0]
-
-
-def test_a_displacement_that_stays_the_bases_states_what_the_base_leaves_open() -> None:
-    """A log of which too little is told: the profile says how far its displacement may be off."""
-    base = Unit.load("axis_a")
-    found = Identification(base.model_copy(deep=True), base, "identified from 1 healthy log(s)")
-    _keep_gain(found, "too few steps")
-    pump = found.unit.pump
-    assert pump.displacement == base.pump.displacement
-    assert pump.std_of("displacement") == pytest.approx(
-        tolerance(base, "pump.displacement") * pump.displacement
-    )
-    assert pump.provenance["displacement"].source == base.pump.provenance["displacement"].source
-    assert base.pump.std_of("displacement") is None, "the base itself stays as it was"

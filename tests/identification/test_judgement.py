@@ -93,17 +93,11 @@ def test_a_bias_that_comes_within_a_log_is_a_limit(healthy: list[Samples]) -> No
 
 @pytest.mark.parametrize(
     ("factor", "said"),
-    [(1e-5, "bar read as Pa"), (0.1, "times what they should be"), (1e2, "kPa read as bar"), (1e5, "unit")],
-)  # fmt: skip
+    [(1e-5, "bar read as Pa"), (0.1, "times what they should be")],
+)
 def test_pressures_in_another_unit(healthy: list[Samples], factor: float, said: str) -> None:
     sentence = refused([scaled(log, factor, *PRESSURES) for log in healthy])
     assert said in sentence and "pressure" in sentence and "unit" in sentence
-
-
-@pytest.mark.parametrize("factor", [1e-2, 10.0])
-def test_the_difference_alone_in_another_unit(healthy: list[Samples], factor: float) -> None:
-    logs = [scaled(only(log, *MINIMAL), factor, "pressure_difference") for log in healthy]
-    assert "pressure" in (line := refused(logs)) and "unit" in line
 
 
 def test_travel_that_no_slip_of_units_explains(healthy: list[Samples]) -> None:
@@ -121,11 +115,6 @@ def test_swapped_chambers_and_a_turned_difference(healthy: list[Samples]) -> Non
         assert "swap pressure_1 and pressure_2" in refused([log])
     # One among right ones, too.
     assert "swap pressure_1 and pressure_2" in refused([healthy[0], swapped[1], *healthy[2:]])
-
-
-def test_oil_in_kelvin(healthy: list[Samples]) -> None:
-    logs = [log.with_columns({"oil_temperature": log["oil_temperature"] + 273.15}) for log in healthy]
-    assert "it looks like K read as degC" in refused(logs)
 
 
 def test_one_log_cannot_tell_a_leak_from_a_leaky_unit() -> None:

@@ -11,7 +11,7 @@ from fdd.plant.details import Details
 from fdd.plant.equations import drive_rates, friction_rates
 from fdd.plant.integrator import MEMORIES, protect
 from fdd.plant.load import ConstantLoad, NoLoad
-from fdd.plant.oil import air_compliance, stiff_bulk_modulus, viscosity
+from fdd.plant.oil import air_compliance, stiff_bulk_modulus
 from fdd.plant.parameters import plant_parameters
 from fdd.plant.prepare import prepare
 from fdd.plant.scenario import Scenario
@@ -49,15 +49,6 @@ def test_stribeck_laws_end_on_the_units_curve(law, v):
     falling = np.exp(-((abs(v) / branch.stribeck_velocity) ** branch.stribeck_exponent))
     curve = branch.coulomb + (branch.static - branch.coulomb) * falling + branch.viscous * abs(v)
     assert _steady_friction(law, v) == pytest.approx(np.sign(v) * curve, rel=0.01)
-
-
-@pytest.mark.slow
-def test_dahls_friction_does_not_fall_with_speed_and_a_smooth_one_holds_nothing():
-    forward = UNIT.friction.forward
-    slow, fast = (_steady_friction("dahl", v) for v in (0.005, 0.08))
-    assert slow == pytest.approx(fast, rel=0.01) == pytest.approx(forward.coulomb, rel=0.01)
-    assert abs(_steady_friction("smooth", 1e-6)) < 1e-3 * forward.static
-    assert _steady_friction("lugre", 1e-3) > 0.8 * forward.coulomb
 
 
 def test_pressure_presses_the_seals_on_by_its_share_of_the_area():
@@ -184,38 +175,6 @@ def test_the_gas_is_adiabatic_when_quick_and_isothermal_when_slow():
         assert slope == pytest.approx(index, abs=0.03)
 
 
-def test_friction_drag_and_leakage_go_with_the_oils_viscosity():
-    """0 to 80 °C: the film's share of the seals' friction with its root, the pump's drag with itself."""
-    both_ways = UNIT.friction.model_copy(update={"reverse": UNIT.friction.forward, "trial_spread": 0.0})
-    cold, warm = (
-        _truth(
-            {"film_share": 0.4},
-            UNIT.model_copy(update={"friction": both_ways}),
-            duty={"name": "constant_speed", "speeds": [150.0], "amplitude": 0.1},
-            control={"mode": "speed"},
-            oil_temperature=t,
-            duration=4.0,
-        )
-        for t in (0.0, 80.0)
-    )
-    moving = [np.abs(t["velocity"]) > 0.04 for t in (cold, warm)]
-    friction = [np.median(np.abs(t["friction_force"][m])) for t, m in zip((cold, warm), moving, strict=True)]
-    current = [np.median(np.abs(t["motor_current"][m])) for t, m in zip((cold, warm), moving, strict=True)]
-    ratio = viscosity(UNIT.oil, 0.0) / viscosity(UNIT.oil, 80.0)
-    assert ratio > 10.0
-    # On Stribeck's curve cold oil lies farther to the right: eq. 5.12 over viscosity times speed.
-    forward = UNIT.friction.forward
-    speed = np.median(np.abs(cold["velocity"][moving[0]]))
-    for k, t in enumerate((0.0, 80.0)):
-        thick = viscosity(UNIT.oil, t) / viscosity(UNIT.oil, 40.0)
-        level = forward.coulomb * (1.0 + 0.4 * (np.sqrt(thick) - 1.0))
-        falling = np.exp(-((speed * thick / forward.stribeck_velocity) ** forward.stribeck_exponent))
-        steady = level + (forward.static - forward.coulomb) * falling
-        assert friction[k] == pytest.approx(steady, rel=0.05)
-    assert current[0] > 1.5 * current[1]
-    assert cold["leakage"][0] == pytest.approx(warm["leakage"][0] / ratio, rel=1e-3)
-
-
 def test_the_pumps_torque_loss_is_that_of_a_gear_pump():
     """Hydromechanical efficiency at full speed: 85 to 92 % at 3.44 MPa, better at higher pressure."""
     par = plant_parameters(UNIT, Details(), NoLoad())
@@ -241,21 +200,6 @@ def test_a_motor_that_works_too_hard_is_given_its_continuous_current():
         limit.append(float(now[0, c.CURRENT_LIMIT]))
     assert np.argmax(np.array(limit) < 1.0) * 1e-3 == pytest.approx(2.0 * np.log(4.0 / 3.0), abs=3e-3)
     assert limit[-1] == pytest.approx(0.5, abs=0.05)
-
-
-@pytest.mark.parametrize(("load", "expected"), [("press", 1), ("hinge", 2)])
-def test_a_press_pushes_one_way_and_a_hinge_not_within_its_play(load, expected):
-    truth = _truth(
-        {}, duty={"name": "sines", "amplitude": 0.04}, duration=8.0,
-        load={"name": load, "rate": 2e4, "slack": 0.0, **({"gap": 0.02} if load == "hinge" else {})},
-    )  # fmt: skip
-    x, force = truth["position"], truth["load_force"]
-    if load == "press":
-        np.testing.assert_allclose(force, 2e4 * np.maximum(x, 0.0), atol=1e-6)
-    else:
-        beyond = np.sign(x) * np.maximum(np.abs(x) - 0.01, 0.0)
-        np.testing.assert_allclose(force, 2e4 * beyond, atol=1e-6)
-    assert len(set(np.sign(force)) - {0.0}) == expected
 
 
 def test_one_accumulator_serves_both_axes_or_each_its_own():

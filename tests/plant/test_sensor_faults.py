@@ -91,25 +91,6 @@ def test_any_blocks_give_the_same_bits(name, way) -> None:
     assert changed(recorded([], recording), whole) == {"pressure_difference"}
 
 
-@pytest.mark.parametrize(("name", "way"), [w for w in WAYS if "drift" not in w[0]], ids=str)
-def test_what_comes_and_goes_leaves_no_trace_while_it_is_gone(name, way) -> None:
-    asked = spec(name, way, onset=0.5, profile="intermittent", period=1.0)
-    sound, faulty = (recorded(f, Recording.perfect()).columns["pressure_difference"] for f in ([], [asked]))
-    there = np.arange(N) % 1000 >= 500
-    np.testing.assert_array_equal(faulty[~there], sound[~there])
-    assert np.mean(faulty[there] != sound[there]) > 0.3
-
-
-@pytest.mark.parametrize(("name", "way"), WAYS, ids=IDS)
-def test_rows_without_a_value_end(name, way) -> None:
-    truth, time = 1e6 * np.sin(np.arange(N) * 1e-2), np.arange(N) * 1e-3
-    truth[[0, *range(700, 760)]] = np.nan
-    values = shown(kind(spec(name, way)), truth, time)
-    # A late one is repeated for its wait at most.
-    assert np.isfinite(np.delete(values, [*range(21), *range(700, 781)])).all()
-    assert np.isnan(values[721:760]).all()
-
-
 @pytest.mark.parametrize(("name", "way"), WAYS, ids=IDS)
 def test_a_users_figure_counts_instead_of_the_catalogues(name, way) -> None:
     """Doubled it does what severity 1 does with the usual one, at severity 0.5; a limit does not."""
@@ -202,16 +183,6 @@ def test_a_drift_that_is_interrupted_goes_on_where_it_was(law) -> None:
     whole = drifted(law, 1.0, time)
     for pieces in (1, 4, 9):
         assert broken[2000 * pieces - 500] == pytest.approx(whole[1000 * pieces], rel=2e-3)
-
-
-def test_a_ramped_drift_has_the_rate_of_its_severity() -> None:
-    time = np.arange(40_001) * 1e-3
-    offset = drifted("root", 0.8, time, profile="ramp", ramp=20.0)
-    # ∫ 0.8·t/20 · 5e3·√50/(2√t) dt to 20 s, then the root's own increase.
-    expected = (
-        0.8 * 5e3 * np.sqrt(50.0) * np.array([20.0**1.5 / 60.0, 20.0**1.5 / 60.0 + 40.0**0.5 - 20.0**0.5])
-    )
-    np.testing.assert_allclose(offset[[20_000, 40_000]], expected, rtol=2e-3)
 
 
 @pytest.mark.parametrize("rate", RATES)

@@ -140,22 +140,6 @@ def test_it_is_given_inputs_and_measurements_and_none_where_one_is_missing(monke
     assert filter_.inputs[8] == speed[8] and filter_.inputs[7] == speed[8]
 
 
-def test_standard_deviations_follow_from_the_covariance(monkeypatch) -> None:
-    tracker, _ = recorded(monkeypatch)
-    tracker.push(0, rows_of(1))
-    value, std = tracker.last()["bulk_modulus"]
-    assert (value, std) == (pytest.approx(9e8), pytest.approx(1e8 * 2.0 * 3.0 * 2.0))
-
-
-def test_after_a_pause_it_begins_anew(monkeypatch) -> None:
-    tracker, made = recorded(monkeypatch)
-    tracker.push(0, rows_of(2))
-    tracker.push(2, rows_of(1))
-    assert len(made) == 1
-    tracker.push(100, rows_of(1))
-    assert len(made) == 2
-
-
 def test_one_that_fails_ends_alone_and_says_when(monkeypatch) -> None:
     tracker, made = recorded(monkeypatch, fails_at=31)
     tracker.push(0, rows_of(2))

@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 UNIT = Unit.load("axis_a")
 RATE_HZ = 1000
 SECONDS = 3.2
-EVERY = tuple(c for c in FAST if c != "pressure_difference")
 
 
 def moving(seconds: float = SECONDS, seed: int = 3) -> Samples:
@@ -97,14 +96,6 @@ def test_any_cut_gives_the_same_rows(cuts: list[int]) -> None:
     np.testing.assert_array_equal(bins_of(samples, cuts), bins_of(samples))
 
 
-@settings(max_examples=15)
-@given(cuts=st.lists(st.integers(1, int(SECONDS * RATE_HZ) - 1), max_size=4))
-def test_any_cut_gives_the_same_rows_without_a_speed_sensor(cuts: list[int]) -> None:
-    samples = moving()
-    bare = Samples(samples.time, {c: samples[c] for c in samples.channels if c != "pump_speed"})
-    np.testing.assert_array_equal(bins_of(bare, cuts), bins_of(bare))
-
-
 @settings(max_examples=20)
 @given(
     lost=st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300),
@@ -130,38 +121,6 @@ def test_what_is_missing_shifts_no_channel_against_another(
     known = np.isfinite(closes)
     assert known.sum() > 200
     assert np.abs(closes[known]).max() < 1e-9 * UNIT.pump.displacement
-
-
-def test_a_channel_that_is_never_there_hides_no_other() -> None:
-    samples = moving()
-    bare = Samples(samples.time, {c: samples[c] for c in ("pump_angle", "position")})
-    bins = bins_of(bare)
-    full = int(SECONDS / BIN_S)
-    assert np.isfinite(column(bins, "pump_angle")[:full]).all()
-    assert np.isnan(column(bins, "motor_current")).all()
-    np.testing.assert_allclose(column(bins, "position"), column(bins_of(samples), "position"), rtol=1e-12)
-
-
-def test_an_early_row_changes_no_later_one() -> None:
-    samples = moving()
-    late = samples.rows(600, len(samples))
-    early = Samples(
-        np.concatenate([[0.0], late.time]),
-        {c: np.concatenate([samples[c][:1], late[c]]) for c in late.channels},
-    )
-    one, other = bins_of(late), bins_of(early)
-    one = one[-len(other) :]
-    other = other[-len(one) :]
-    for name in (*FAST, "temperature", "time"):
-        np.testing.assert_array_equal(column(other, name), column(one, name), err_msg=name)
-    # A seal knows where it came from until it has slid: twice its give.
-    travel = np.nancumsum(np.abs(np.diff(column(one, "position"), prepend=np.nan)))
-    slid = (travel > 4.0 * PRESLIDING_TRAVEL_M) & (
-        column(one, "time") > late.time[0] + 10.0 * LUBRICATION_LAG_S
-    )
-    assert slid.sum() > 100
-    for name in ("friction", "sliding"):
-        np.testing.assert_allclose(column(other, name)[slid], column(one, name)[slid], rtol=0.02)
 
 
 @pytest.mark.parametrize("cut", [None, [700, 701, 1900]])
@@ -195,23 +154,6 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
     assert slides.any()
     sign = np.sign(films)[slides]
     assert (np.sign(forces)[slides] == sign).mean() > 0.95, "friction acts against the motion"
-
-
-def test_state_goes_on_in_mid_frame() -> None:
-    samples = moving()
-    whole = bins_of(samples)
-    first = BinMaker(UNIT)
-    parts = [first.push(samples.rows(0, 1_234))[1]]
-    second = BinMaker(UNIT)
-    second.restore({k: v.copy() for k, v in first.state().items()})
-    parts += [second.push(samples.rows(1_234, len(samples)))[1], second.push(None)[1]]
-    np.testing.assert_array_equal(np.concatenate(parts), whole)
-
-
-def test_no_sample_no_row() -> None:
-    maker = BinMaker(UNIT)
-    assert len(maker.push(None)[1]) == 0
-    assert len(maker.push(moving().rows(0, 100))[1]) == 0
 
 
 @pytest.mark.parametrize(("rate", "band_hz"), [(1000, None), (200, None), (1000, 150.0), (500, 150.0)])
