@@ -207,18 +207,6 @@ def test_damaged_files_and_unknown_units_are_told(copy: Path) -> None:
 UNITS = ["unit_000", "unit_001", "unit_002"]
 
 
-def letters(unit: str) -> list[str]:
-    return [f"{unit}-{letter}" for letter in "ab"]
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_results_come_in_the_order_of_the_units(workers: int) -> None:
-    told: list[tuple[int, int]] = []
-    found = for_each_unit(letters, UNITS, workers=workers, progress=lambda *step: told.append(step))
-    assert found == [f"{unit}-{letter}" for unit in UNITS for letter in "ab"]
-    assert told == [(1, 3), (2, 3), (3, 3)]
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_unit_that_refuses_is_left_out_with_a_warning(workers: int) -> None:
     with pytest.warns(UserWarning, match=f"{UNITS[1]} left out: too short"):

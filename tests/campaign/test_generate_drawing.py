@@ -179,22 +179,6 @@ def test_every_log_has_its_own_figures_of_what_comes_along_with_a_fault() -> Non
         assert one == other.model_copy(update={"fault_scales": FaultScales()}), "nothing else moves"
 
 
-def test_the_same_indices_draw_the_same_and_others_do_not() -> None:
-    recipe = recipe_with(seed=3)
-    rig = draw_unit(recipe, stream(recipe, "unit", 7), 7)
-    assert draw_unit(recipe, stream(recipe, "unit", 7), 7) == rig
-    assert draw_unit(recipe, stream(recipe, "unit", 9), 9).unit.cylinder != rig.unit.cylinder
-    first = draw_scenario(recipe, rig, stream(recipe, "log", 7, 1, 0), ("aeration",))
-    assert draw_scenario(recipe, rig, stream(recipe, "log", 7, 1, 0), ("aeration",)) == first
-    others = [
-        draw_scenario(recipe, rig, stream(recipe, *key), ("aeration",)).seed  # type: ignore[arg-type]
-        for key in (("log", 7, 2, 0), ("log", 7, 1, 1), ("log", 8, 1, 0))
-    ]
-    assert len({first.seed, *others}) == 4
-    other_seed = recipe_with(seed=4)
-    assert draw_unit(other_seed, stream(other_seed, "unit", 7), 7).unit.pump != rig.unit.pump
-
-
 def test_calibration_covers_speeds_and_pressures_without_touching_the_limits() -> None:
     recipe = recipe_with()
     for index in range(2):

@@ -14,9 +14,7 @@ from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.scores import Outcome
 from fdd.campaign.visibility import (
-    ROWS_LOST,
     ChannelVisibility,
-    is_visible,
     largest_rms,
     noise_deviation,
     visibility,
@@ -160,21 +158,6 @@ def test_visibility_is_what_the_hand_gets() -> None:
 
 def channels(rms: float, channel: str = "pressure_1", lost: float = 0.0) -> dict[str, ChannelVisibility]:
     return {channel: ChannelVisibility(noise=1.0, rms=rms, peak=2.0 * rms, lost=lost)}
-
-
-@pytest.mark.parametrize(
-    ("found", "told", "visible"),
-    [
-        (channels(0.999), "below 1", False),
-        (channels(1.0), "1 to 3", True),
-        (channels(10.0), "above 10", True),
-        (channels(9.0, "position"), "below 1", False),
-        (channels(0.0, lost=0.1), ROWS_LOST, False),
-        ({}, "below 1", False),
-    ],
-)
-def test_classes_of_visibility(found: dict[str, ChannelVisibility], told: str, visible: bool) -> None:
-    assert (visibility_class(found), is_visible(found)) == (told, visible)
 
 
 def seen(one: Outcome, rms: float) -> Outcome:

@@ -79,17 +79,6 @@ def test_a_finding_says_what_it_is(tiny_model: Model) -> None:
     assert answer.confidence == pytest.approx(tiny_model.calibration.probability(found.score), abs=0.01)
 
 
-def test_what_no_fault_explains_is_told_as_unknown(tiny_model: Model) -> None:
-    other = hypothesis("other", [0.2, 0.8, 0.0])
-    (found, *_), _ = decide(drawn(1, [(other, 1.0, 40)]), [INNER], 4.0)
-    answer = said(found, tiny_model)
-    assert answer.fault == answer.family == "unknown" and answer.ambiguity == ["unknown"]
-    assert answer.severity is None and answer.severity_interval is None
-    assert answer.onset_s == pytest.approx(120.0, abs=2.0) and answer.next_check
-    assert f"no more than {100 * found.explained:.0f} %" in answer.evidence[0]
-    assert answer.confidence == pytest.approx(tiny_model.calibration.probability(found.score), abs=0.01)
-
-
 def finding(fault: str, family: str, confidence: float, **shares: float) -> FaultFinding:
     return FaultFinding(
         fault=fault, family=family, ambiguity=[fault], confidence=confidence, onset_s=0.0, detected_s=1.0,

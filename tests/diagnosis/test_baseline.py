@@ -4,55 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_up_evidence import EFFECTS
-from numpy.typing import NDArray
 from simulated_logs import HEALTHY, simulated
 
 from fdd.diagnosis.baseline import (
     baseline_of,
     effects_of,
     histories_of,
-    scattered,
 )
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.effects import first_effects, usual_conditions
 from fdd.unit import Unit
 
 NOISE, ROWS, FRAMES = 0.3, 50, 200
-
-
-def sums(seed: int, common: float) -> tuple[NDArray[np.float64], ...]:
-    """Frames as a history gives them: white noise, and an error that a frame's rows have in common.
-
-    Parameters
-    ----------
-    common : std of each column's part of that error, over the rows' noise: of orthonormal columns.
-    """
-    rng = np.random.default_rng(seed)
-    information, vector, variance = np.empty((FRAMES, 3, 3)), np.empty((FRAMES, 3)), np.empty(FRAMES)
-    for h in range(FRAMES):
-        x, _ = np.linalg.qr(rng.normal(size=(ROWS, 3)))
-        x *= rng.uniform(1.0, 20.0)
-        own = x / np.linalg.norm(x, axis=0) @ (NOISE * common * rng.normal(size=3))
-        y = x @ EFFECTS.mean + NOISE * rng.normal(size=ROWS) + own
-        rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-        variance[h] = rest @ rest / (ROWS - 3)
-        information[h], vector[h] = x.T @ x / variance[h], x.T @ y / variance[h]
-    return information, vector, np.full(FRAMES, float(ROWS)), variance
-
-
-@pytest.mark.parametrize("common", [0.0, 3.0, 10.0])
-def test_a_log_tells_less_by_what_its_stretches_have_in_common(common: float) -> None:
-    """Errors that a frame's rows share have `common` times the rows' own std in each coefficient, so claims
-    of independent rows are 1 + common² too sure. A log's figure has a std of 12 %, the mean of eight 4 %."""
-    found = []
-    for seed in range(8):
-        information, vector, _, variance = sums(seed, common)
-        wrong = (variance / NOISE**2)[:, None]
-        squares, over = scattered(information * wrong[:, :, None], vector * wrong, EFFECTS)
-        found.append(over)
-        assert np.trace(squares) > 0.0
-    assert np.mean(found) == pytest.approx(1.0 + common**2, rel=0.15)
 
 
 @pytest.fixture(scope="module")

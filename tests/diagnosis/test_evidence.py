@@ -8,7 +8,7 @@ from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesi
 
 from fdd.diagnosis.decision import USUAL_SIZE, decide
 from fdd.diagnosis.departures import WITHIN_FRAMES
-from fdd.diagnosis.evidence import KINDS, Amplitude, Evidence, SuffixSums, time_profile_of
+from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.sequential_detector import RECOVERED_SHARE
 from fdd.residuals.balance_history import marginalised
 
@@ -37,14 +37,6 @@ def test_no_fault_seldom_passes_six() -> None:
     highest = np.array([decide(drawn(10_000 + seed), ALL, 6.0) for seed in range(300)], dtype=object)
     alarmed = np.mean([bool(found) for found, _ in highest])
     assert alarmed <= 0.02, f"false alarm rate {alarmed:.3f}"
-
-
-def test_a_fault_from_the_start_is_told_by_the_baseline_alone() -> None:
-    """Nothing changes within the log, so the amplitude is no surer than the prior."""
-    found = fit(3, 1.2, onset=0)
-    std = np.sqrt(found.variance)
-    assert std > 0.9 * np.sqrt(0.5 / (1.0 / EFFECTS.covariance[0, 0] + 1.0 / 0.7**2))
-    assert found.score < fit(3, 1.2, onset=40).score / 2.0
 
 
 def test_what_a_healthy_unit_drifts_by_is_no_fault_however_much_a_log_tells() -> None:
@@ -186,27 +178,6 @@ def test_a_fault_that_heals_is_over_and_no_other_fault_its_opposite(seed: int) -
     assert abs(found[0].lead.onset - 25) <= 4 and abs(found[1].lead.onset - 45) <= 1
     assert found[0].lead.size == pytest.approx(0.8, abs=0.2)
     assert found[0].group[0] == "leak" and "recovered" not in found[0].group
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_sums_of_sums_are_plain_sums_over_a_course(kind: str) -> None:
-    x, onsets = np.random.default_rng(1).normal(size=(90, 4)), np.array([0, 6, 40, 66, 83, 89])
-    time_profiles = np.array([time_profile_of(kind, 90, int(onset)) for onset in onsets])
-    np.testing.assert_allclose(SuffixSums(x).over(kind, onsets), time_profiles @ x, atol=1e-10)
-    np.testing.assert_allclose(SuffixSums(x).squared(kind, onsets), time_profiles**2 @ x, atol=1e-9)
-
-
-def test_faults_fitted_together_are_as_each_alone() -> None:
-    evidence = drawn(3, [(LEAK, 0.7, 25), (THIRD, 0.5, 55)])
-    known = [best(evidence, LEAK)]
-    for beside in ([], [k for k in known if k]):
-        together = evidence.fits(ALL, beside)
-        alone = [f for h in ALL for f in evidence.fits([h], beside)]
-        for one, other in zip(together, alone, strict=True):
-            assert (one.hypothesis, one.kind, one.onset) == (other.hypothesis, other.kind, other.onset)
-            assert [one.size, one.score, one.overdispersion] == pytest.approx(
-                [other.size, other.score, other.overdispersion]
-            )
 
 
 def test_a_fault_that_grows_is_not_over() -> None:

@@ -50,17 +50,3 @@ def test_nis_test_finds_an_overconfident_filter() -> None:
     outcome = nis_test(nis, 2)
     assert outcome.mean > outcome.high
     assert not outcome.consistent
-
-
-@pytest.mark.parametrize(
-    ("act", "message"),
-    [
-        (lambda: nis_band(0), "give at least 1 of each"),
-        (lambda: nis_test([1.0, np.nan], 1), "1 of them NaN"),
-        (lambda: nis_test([1.0, 2.0, 3.0], [1, 2]), "dim has 2 values for 3 of nis"),
-        (lambda: squared_distance([1.0, 2.0], [[1.0, 2.0], [2.0, 1.0]]), "not positive definite"),
-    ],
-)
-def test_unusable_input_is_refused(act, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        act()

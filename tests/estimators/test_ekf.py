@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimators import SVSF, ExtendedKalmanFilter, jacobian
+from estimators import ExtendedKalmanFilter, jacobian
 from estimators.kernels import kalman_update
 
 
@@ -95,21 +95,6 @@ def test_nonlinear_filter_equals_filterpy(own_jacobian: bool) -> None:
         np.testing.assert_allclose(ours.x, peer.x, rtol=1e-6)
         np.testing.assert_allclose(ours.P, peer.P, rtol=1e-6, atol=1e-8)
     assert np.abs(ours.x - x).max() < 30.0
-
-
-def test_nonlinear_prediction_uses_the_model_and_its_jacobian() -> None:
-    """One step of a pendulum with an input: mean from f, covariance from the exact Jacobian."""
-
-    def swing(x, u, dt):
-        return [x[0] + dt * x[1], x[1] + dt * (u - 9.81 * np.sin(x[0]))]
-
-    kf = ExtendedKalmanFilter(2, 1, f=swing)
-    kf.x, P = np.array([0.7, -0.2]), np.array([[0.2, 0.01], [0.01, 0.3]])
-    kf.P, kf.Q = P, [1e-3, 2e-3]
-    kf.predict(u=0.4, dt=0.03)
-    np.testing.assert_allclose(kf.x, [0.7 - 0.006, -0.2 + 0.03 * (0.4 - 9.81 * math.sin(0.7))])
-    F = np.array([[1.0, 0.03], [-0.03 * 9.81 * math.cos(0.7), 1.0]])
-    np.testing.assert_allclose(kf.P, F @ P @ F.T + np.diag([1e-3, 2e-3]), rtol=1e-9)
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 5), full=st.booleans())
@@ -210,22 +195,6 @@ def pair(rng: np.random.Generator, n: int, m: int, **options):
     for kf in (plain, robust):
         kf.H, kf.P, kf.R, kf.x = H, P, R, x
     return plain, robust
-
-
-@given(**problem, svsf=st.booleans())
-def test_a_masked_channel_is_a_missing_channel(seed: int, n: int, m: int, svsf: bool) -> None:
-    rng = np.random.default_rng(seed)
-    H, P, R = rng.normal(size=(m, n)), covariance(rng, n), covariance(rng, m)
-    mask, z = rng.random(m) < 0.5, rng.normal(size=m)
-    make = (lambda: SVSF(n, m, psi=0.5)) if svsf else (lambda: ExtendedKalmanFilter(n, m))
-    masked, holed = make(), make()
-    for kf in (masked, holed):
-        kf.H, kf.P, kf.R = H, P, R
-    masked.update(np.where(mask, z, np.inf), mask=mask)  # whatever stands there
-    holed.update(np.where(mask, z, np.nan))
-    for name in ("x", "P", "K", "S", "z", "y", "nis", "log_likelihood", "channels_used"):
-        np.testing.assert_array_equal(getattr(masked, name), getattr(holed, name), err_msg=name)
-    assert masked.channels_used == mask.sum()
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 5), limit=st.floats(0.5, 5.0))

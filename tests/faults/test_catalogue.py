@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import fdd.faults
-from fdd.errors import InputError
-from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, Fault, fault
+from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, Fault
 from fdd.plant.details import Details
 from fdd.plant.faults.injection import PARAMETERS
 from fdd.plant.sensors import SENSOR_FAULTS
@@ -130,11 +129,3 @@ def test_the_catalogue_needs_nothing_but_the_standard_library(path: Path) -> Non
         for name in names:
             ours = name in ("fdd.errors", "fdd.packages") or name.startswith("fdd.faults")
             assert ours or name.split(".")[0] in sys.stdlib_module_names, name
-
-
-def test_unknown_id_lists_the_catalogue() -> None:
-    with pytest.raises(InputError) as caught:
-        fault("leek")
-    line = str(caught.value)
-    assert line.startswith("unknown fault 'leek'; the catalogue has: internal_leakage, ")
-    assert all(name in line for name in PROMISED)

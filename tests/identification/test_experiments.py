@@ -12,7 +12,7 @@ from fdd.identification.experiments.friction import friction
 from fdd.identification.experiments.gain import gain
 from fdd.identification.experiments.leakage import leakage
 from fdd.identification.experiments.outcome import Outcome, Told
-from fdd.identification.experiments.polynomial import Series, best_model, find_delay, fit_model
+from fdd.identification.experiments.polynomial import Series, fit_model
 from fdd.identification.experiments.response import frequency_response, from_profile
 from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.identification.record import Record, even_record
@@ -63,13 +63,6 @@ def test_a_system_in_coloured_noise_is_found_with_its_noise():
     for found, true, bound in zip(model.polynomials(), truth, (0.02, 0.07, 0.07, 0.02), strict=True):
         assert found == pytest.approx(true, abs=bound)
     assert np.std(model.errors(s)) == pytest.approx(0.3, rel=0.03)
-
-
-def test_delay_and_order_are_found():
-    series = [second_order(2e-3, 5, delay=3)]
-    delay = find_delay(series, 8)
-    assert delay in (3, 4)  # the held input's first coefficient is small
-    assert best_model(series, T, (1, 2, 3, 4), delay).order == 2
 
 
 def told(outcome: Outcome) -> dict[str, Told]:

@@ -143,23 +143,6 @@ def test_minimal_sensors(case: Case) -> None:
     assert wide > 2.0 * narrow
 
 
-def test_missing_rows_and_nan_change_little(cases: dict[int, Case]) -> None:
-    case = cases[2]
-    rng = np.random.default_rng(5)
-    logs = []
-    for log in case.logs:
-        kept = rng.random(len(log)) > 0.01
-        columns = {c: log[c][kept].copy() for c in log.channels}
-        for column in columns.values():
-            for start in rng.integers(0, column.size - 40, 10):
-                column[start : start + rng.integers(2, 30)] = np.nan
-        logs.append(Samples(log.time[kept], columns))
-    torn, whole = identify_unit(logs, case.base).unit, case.found.unit
-    assert torn.pump.displacement == pytest.approx(whole.pump.displacement, rel=0.001)
-    assert torn.pump.total_leakage == pytest.approx(whole.pump.total_leakage, rel=0.02)
-    assert torn.oil.bulk_modulus == pytest.approx(whole.oil.bulk_modulus, rel=0.03)
-
-
 def test_unequal_areas_are_found() -> None:
     truth = random_unit(4)
     truth.cylinder.area_2 = 0.72 * truth.cylinder.area_1

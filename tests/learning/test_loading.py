@@ -15,8 +15,6 @@ from pyarrow import parquet
 
 from fdd import load_dataset
 from fdd.campaign.dataset import split_of
-from fdd.campaign.generate import generate
-from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.learning.features import FEATURES
 
@@ -73,20 +71,6 @@ def test_a_changed_log_is_seen_before_it_is_read(few: Path, tmp_path: Path) -> N
     (tmp_path / "copy" / first).unlink()
     with pytest.raises(InputError, match=rf"{first}: is missing"):
         data.data.check()
-
-
-def test_a_card_that_somebody_wrote_is_kept_and_a_missing_one_is_written(few: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(few, copy)
-    recipe = Recipe.load(copy / "recipe.yaml")
-    (copy / "README.md").write_text("mine")
-    (copy / "SHA256SUMS").unlink()
-    generate(recipe, copy)
-    assert (copy / "README.md").read_text() == "mine"
-    assert (copy / "SHA256SUMS").read_bytes() == (few / "SHA256SUMS").read_bytes()
-    (copy / "README.md").unlink()
-    generate(recipe, copy)
-    assert (copy / "README.md").read_bytes() == (few / "README.md").read_bytes()
 
 
 def test_features_of_other_data_are_refused(few: Path, few_features: Path, tmp_path: Path) -> None:

@@ -175,6 +175,10 @@ def test_the_drives_step_follows_its_command_by_its_delay():
         step -= share * np.exp(-p * since)
     expected = np.where(since > 0.0, 100.0 * step, 0.0)
     np.testing.assert_allclose(np.sign(speed[-1]) * speed, expected, atol=1e-3)
+    # Section 6.3: 33.3 Hz at -3 dB, the current loop's lag with it.
+    jw = 2j * np.pi * 33.3
+    response = np.abs(poles.prod() * (jw / zero + 1.0) / np.prod(jw + poles))
+    assert 20.0 * np.log10(response) == pytest.approx(-3.01, abs=0.15)
 
 
 def test_a_dead_band_and_its_edges():

@@ -139,20 +139,6 @@ def test_modes_of_section_3_2_1_arise_by_themselves():
     assert xi + case < slopes[2] < xi + case + 1.2 * compressed
 
 
-def test_relief_valves_hold_the_pressure():
-    duty = {"name": "constant_speed", "speeds": [150.0], "amplitude": 0.12}
-    truth = _truth(duration=2.0, duty=duty, control=SPEED, load={"name": "throttle", "pressure": 2e7})
-    highest = truth["pressure_difference"].max()
-    setting = UNIT.accumulator.relief_pressure
-    flow = truth["relief_flow"].max()
-    assert flow > 1e-5
-    # The valve's own law: full flow over its gain above the setting.
-    assert truth["port_difference"].max() == pytest.approx(
-        setting + flow / UNIT.accumulator.relief_flow_gain, rel=0.01
-    )
-    assert setting < highest < 1.15 * setting
-
-
 HELD = {"duty": {"name": "standstill"}, "load": {"name": "constant", "level": 1200.0}}
 
 

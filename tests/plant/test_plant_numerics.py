@@ -73,6 +73,7 @@ RUNS: dict[str, dict[str, Any]] = {
     "one axis": {
         "duty": {"name": "steps", "hold": 0.2},
         "load": {"name": "gust"},
+        "friction_wander": 0.04,
         "faults": [
             {"fault": "coupling_wear", "severity": 1.0, "onset": 0.2},
             {"fault": "pressure_sensor_drift", "severity": 1.0, "onset": 0.1},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_BINS, FRAME_S, TAIL_BINS
 from fdd.residuals.effects import Effects, first_effects
-from fdd.residuals.normal_equations import NormalEquations, marginalised
+from fdd.residuals.normal_equations import NormalEquations
 from fdd.unit import Baseline, Unit
 
 Array = NDArray[np.float64]
@@ -94,10 +93,10 @@ def test_what_came_since_a_fault_is_no_reference() -> None:
     assert min(history.frames) >= 200 and history.folded > onset
 
 
-def told_of(frames: int, *, baseline: bool = True) -> BalanceHistory:
+def told_of(frames: int) -> BalanceHistory:
     """Frames from the eleventh on, each of rows about other coefficients than the unit's."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(13)
-    unit.baseline = Baseline(version="", seconds=1.0, balances={}) if baseline else None
+    unit.baseline = Baseline(version="", seconds=1.0, balances={})
     history = BalanceHistory(unit, {name: first_effects(name) for name in BALANCES})
     history.frames, history.last, history.taken = list(range(10, 10 + frames)), 9 + frames, frames
     history.surroundings = [[0.0, 0.0, 0.0]] * frames
@@ -107,18 +106,6 @@ def told_of(frames: int, *, baseline: bool = True) -> BalanceHistory:
             b = e.mean + np.sqrt(np.diag(e.covariance)) * rng.normal(size=e.mean.size)
             history.equations[name].append(NormalEquations(x.T @ x, x.T @ x @ b, 30.0, 1.0))
     return history
-
-
-def learnt(history: BalanceHistory, frames: Sequence[int], name: str) -> tuple[Array, Array]:
-    """Mean and covariance of the unit's own prior and some frames, by one batch."""
-    e = history.effects[name]
-    information, vector = np.linalg.inv(e.covariance), np.linalg.solve(e.covariance, e.mean)
-    for frame in frames:
-        m, v = history.equations[name][frame - 10][:2]
-        wide, kept = marginalised(m, v, e.wander)
-        information, vector = information + wide, vector + kept
-    covariance = np.linalg.inv(information)
-    return covariance @ vector, covariance + np.diag(e.within**2)
 
 
 def test_after_a_stop_a_unit_is_held_against_its_baseline_again() -> None:
@@ -132,19 +119,6 @@ def test_after_a_stop_a_unit_is_held_against_its_baseline_again() -> None:
     kept = history.epochs._sums[-1]
     for name, total in sums.items():
         np.testing.assert_allclose(kept[name][0], total, err_msg="its life has them all, whatever stood")
-
-
-def test_a_unit_of_which_nothing_else_is_known_is_held_against_its_healthy_frames() -> None:
-    history = told_of(20, baseline=False)
-    history.folded = 7
-    healthy = [h for h in range(10, 30) if not 6.0 <= h * FRAME_S < 9.0]
-    expected = {name: learnt(history, healthy, name) for name in BALANCES}
-    history.begin_anew([(6.0, 9.0)], 10)
-    assert history.frames == [] and history.folded == 7 and history.taken == 20
-    for name, (mean, covariance) in expected.items():
-        found = history.reference[name]
-        np.testing.assert_allclose(found.mean, mean, rtol=1e-6, atol=1e-9, err_msg=name)
-        np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-12, err_msg=name)
 
 
 def test_a_stretch_that_is_forgotten_leaves_the_other_frames_as_they_were() -> None:

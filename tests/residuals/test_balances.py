@@ -167,23 +167,6 @@ def test_the_case_lies_amid_the_ports_until_its_valve_opens(load: str, shut: flo
     assert np.sqrt(np.mean(np.square(found[late] - true))) < 3e3
 
 
-@pytest.mark.parametrize("ratio", [1.0, 0.8])
-def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
-    unit: Unit, logs: list[Samples], ratio: float
-) -> None:
-    """With one rod whichever chamber is low is fed while the piston extends, and not while it retracts."""
-    other = unit.model_copy(deep=True)
-    other.cylinder.area_2 = ratio * other.cylinder.area_1
-    q = Quantities(BinMaker(other).push(logs[0])[1], other, Scales.of(other))
-    columns = [BALANCES["refeed"].columns.index(c) for c in ("flow_1", "flow_2")]
-    out, back = q.velocity > 1e-3, q.velocity < -1e-3
-    for side, (_, x, _, _) in enumerate(BALANCES["refeed"].blocks(q)):
-        flow = x[:, columns[side]]
-        assert not np.nan_to_num(x[:, columns[1 - side]]).any() and not flow[back].any()
-        assert (flow[out] > 0.0).all() if ratio < 1.0 else not flow[out].any()
-        assert (flow[np.isfinite(q.velocity)] < 1.0).all(), "less than the pump's all"
-
-
 def test_a_chamber_whose_line_loses_pressure_is_not_taken_for_closed() -> None:
     """Test: fast strokes without a load through a narrow line; the pump's inlet lies below the accumulator
     while the chamber that it empties does not. Expected: of the rows that count as closed, few are fed."""
