@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fdd.campaign.dataset import Dataset
 from fdd.campaign.drawing import draw_scenario, draw_unit, stream, structure_of
-from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import RELIEF, Scale, Size, sized_unit
 from fdd.errors import InputError
@@ -126,38 +124,6 @@ def test_two_kilohertz_shows_what_one_does_and_what_lies_between() -> None:
     np.testing.assert_allclose(quick.truth["position"][1:-1:2], middle, atol=1e-5)
     speed = np.diff(quick.samples["pump_angle"]) / 5e-4
     np.testing.assert_allclose(quick.samples["pump_speed"][1:], speed, atol=1e-3)
-
-
-def test_labels_carry_structure_and_condition_and_the_data_sheet_lies_beside(tmp_path: Path) -> None:
-    small = {"rated_pressure": [3e6, 6e6], "displacement": [0.3e-6, 0.6e-6]}
-    drawn = {"name": "drawn", "size": small, "rate": 500, "speed": "sampled", "channels": MINIMUM}
-    recipe = recipe_with(
-        units=2, duration=[4.0, 4.0], baseline_kind="ordinary", structures=[drawn, {"name": "thesis"}],
-        conditions=[{"name": "noisy", "noise": [2, 2]}],
-    )  # fmt: skip
-    data = Dataset.load(generate(recipe, tmp_path / "set"))
-    assert {e.structure for e in data.logs} == {"drawn", "thesis"}
-    assert {e.condition for e in data.logs} == {"noisy"}
-    for entry in data.logs:
-        true, sheet = data.true_unit(entry.unit), data.base_unit(entry.unit)
-        ratio = true.cylinder.area_1 / sheet.cylinder.area_1
-        assert 0.85 <= ratio <= 1.15 and ratio != 1.0
-        samples, baseline = data.samples(entry), data.baseline(entry.unit)
-        assert len(baseline) == 3
-        # Ordinary: strokes first, over 65 % of the travel and at four speeds, then work of half a minute.
-        assert np.nanmax(baseline[0]["position"]) > 0.6 * 0.5 * true.cylinder.stroke
-        speed = np.abs(baseline[0]["pump_speed"]) / true.drive.max_speed
-        assert all(np.nanmean(np.abs(speed - s) < 0.02) > 0.03 for s in (0.12, 0.25, 0.5, 0.75))
-        assert all(30.0 <= b.duration <= 40.0 for b in baseline[1:])
-        period = float(np.median(np.diff(samples.time)))
-        assert period == pytest.approx(2e-3 if entry.structure == "drawn" else 1e-3, rel=1e-6)
-        if entry.structure == "drawn":
-            # The reader adds up the angle.
-            assert set(samples.channels) == {*MINIMUM, "pump_angle"}
-            assert entry.fault_scales["internal_leakage"] != FaultScales().internal_leakage
-            # Noise of the condition, which the profile does not know.
-            error = samples["pressure_difference"][:200]  # at rest
-            assert np.std(error) > 1.3 * true.sensors["pressure_difference"].noise
 
 
 @pytest.mark.parametrize(

@@ -66,19 +66,6 @@ def test_what_no_column_knows_widens_a_severitys_interval(sure: Model, tiny_mode
     assert interval is not None and interval[0] == 0.0
 
 
-def test_a_finding_says_what_it_is(tiny_model: Model) -> None:
-    (found,), _ = decide(drawn(1, [(INNER, 0.8, 40)]), EVERY, 4.0)
-    answer = said(found, tiny_model)
-    assert (answer.fault, answer.family, answer.ambiguity) == (
-        "internal_leakage", "leakage", ["internal_leakage"],
-    )  # fmt: skip
-    assert answer.shares == {} and len(answer.evidence) == 1
-    assert answer.severity == pytest.approx(0.8, abs=0.15)
-    assert f"severity {answer.severity:.2f}" in answer.evidence[0] and "from 120.0 s" in answer.evidence[0]
-    assert "of 2 s" in answer.evidence[0], "what its blocks are"
-    assert answer.confidence == pytest.approx(tiny_model.calibration.probability(found.score), abs=0.01)
-
-
 def finding(fault: str, family: str, confidence: float, **shares: float) -> FaultFinding:
     return FaultFinding(
         fault=fault, family=family, ambiguity=[fault], confidence=confidence, onset_s=0.0, detected_s=1.0,
