@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fdd.campaign.dataset import Dataset
-from fdd.campaign.drawing import condition_of, draw_scenario, draw_unit, stream, structure_of
-from fdd.campaign.generate import generate
+from fdd.campaign.drawing import draw_scenario, draw_unit, stream, structure_of
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import RELIEF, Scale, Size, sized_unit
 from fdd.errors import InputError
@@ -84,91 +82,6 @@ def test_machines_of_all_sizes_hold_together() -> None:
         assert 0.5 * high < max(values) <= high
 
 
-def test_an_accumulator_outlasts_the_temperatures_of_its_recipe() -> None:
-    """Every drawn machine of the recipe, as it is varied: the coldest oil under load leaves some, the hottest
-    leaves room."""
-    recipe = Recipe.load(RECIPES / "structures.yaml")
-    assert recipe.oil_temperatures == pytest.approx((0.0, 75.0 + 0.03 * 60.0))
-    sized = 0
-    for index in range(recipe.units):
-        rig = draw_unit(recipe, stream(recipe, "unit", index), index)
-        if rig.scale.unit is None:
-            continue
-        sized += 1
-        cylinder, store, oil = rig.unit.cylinder, rig.unit.accumulator, rig.unit.oil
-        volume, moved = cylinder.volume_1 + cylinder.volume_2, cylinder.area_1 - cylinder.area_2
-        shifted = abs(moved) * 0.5 * cylinder.stroke
-        pressed = 0.65 * max(cylinder.volume_1, cylinder.volume_2) * store.relief_pressure / oil.bulk_modulus
-        assert store.oil_at_rest > 7e-4 * 40.0 * volume + pressed + shifted, index
-        assert store.gas_volume > 1.5 * (7e-4 * 37.0 * volume + shifted), index
-    assert sized > 20
-
-
-def test_details_and_figures_go_with_what_they_are_made_of() -> None:
-    """Four times the pump's pressures and twice its displacement: hand-worked factors."""
-    axis = Unit.load("axis_a")
-    store = axis.accumulator
-    larger = axis.model_copy(update={
-        "pump": axis.pump.model_copy(update={"displacement": 2.0 * axis.pump.displacement}),
-        "accumulator": store.model_copy(update={
-            "relief_pressure": 4.0 * store.relief_pressure, "charge_pressure": 1.5 * store.charge_pressure,
-            "refeed_cracking_pressure": 3.0 * store.refeed_cracking_pressure,
-        }),
-    })  # fmt: skip
-    scale, plain = Scale(larger), Details()
-    details, figures = Details(**scale.details({})), scale.fault_scales({})
-    assert details.gallery_volume == pytest.approx(2.0 * plain.gallery_volume)
-    assert details.check_hysteresis == pytest.approx(3.0 * plain.check_hysteresis)
-    assert details.relief_width == pytest.approx(4.0 * plain.relief_width)
-    same = ("check_lag", "relief_lag", "relief_hysteresis", "gas_time", "gas_warming", "film_share",
-            "pump_friction", "pump_drag", "cogging_torque")  # fmt: skip
-    assert all(getattr(details, n) == getattr(plain, n) for n in same), "times and shares"
-    usual = FaultScales()
-    assert figures["shorted_braking"] == pytest.approx(8.0 * usual.shorted_braking)
-    assert figures["check_valve_cracking"] == pytest.approx(1.5 * usual.check_valve_cracking)
-    assert figures["check_valve_sticking"] == pytest.approx(4.0 * usual.check_valve_sticking)
-    ranges = {"rate": (1e4, 2e5), "slack": (-0.03, 0.05)}
-    assert scale.load_ranges("press", ranges) == {"rate": (4e4, 8e5), "slack": (-0.03, 0.05)}
-
-
-@pytest.mark.parametrize(
-    ("law", "share"), [("mixed", 0.0), ("mixed", 0.25), ("laminar", 0.0), ("orifice", 0.0), ("opening", 0.0)]
-)
-def test_severity_one_leaks_five_percent_of_the_rated_flow_at_half_the_rated_pressure(
-    law: str, share: float
-) -> None:
-    """Measured: what crosses the ports more than in the healthy plant at that pressure.
-
-    The other laws pass at the leakage pressure, 29 % of the relief setting, what a laminar gap does.
-    """
-    unit = sized_unit(Size(), np.random.default_rng(5))
-    scale = Scale(unit)
-    figures = FaultScales(**scale.fault_scales({"internal_leakage_orifice_share": share}))
-    half = 0.5 * unit.accumulator.relief_pressure / RELIEF
-    run = simulate(unit, Scenario(
-        duration=6.0, duty={"name": "standstill"}, control={"gain": 1e4 * scale.position_gain},
-        load={"name": "constant", "level": half * unit.cylinder.area_1}, fault_scales=figures,
-        faults=[{"fault": "internal_leakage", "severity": 1.0, "law": law}],
-        details=Details(**{**scale.details({}), "heat_capacity": 1e8}), recording=Recording.perfect(),
-    ))  # fmt: skip
-    truth, last = run.truth, slice(4000, None)
-    drop = np.mean(truth["pressure_difference"][last])
-    assert drop == pytest.approx(half, rel=0.05)
-    added = np.mean(truth["cross_flow"][last]) - unit.pump.cross_port_leakage * drop
-    rated = unit.pump.displacement * unit.drive.max_speed
-    half_over_same = half / (unit.accumulator.relief_pressure / 3.44)
-    power = {"orifice": 0.5, "opening": 2.0}.get(law, 1.0)
-    assert added / rated == pytest.approx(0.05 * half_over_same ** (power - 1.0), rel=0.06 * max(power, 1.0))
-    # What else goes with the machine: its charge, its torque over its speed.
-    assert figures.check_valve_cracking / unit.accumulator.charge_pressure == pytest.approx(1.0, rel=0.01)
-    stall = unit.pump.displacement * unit.accumulator.relief_pressure
-    braking = figures.shorted_braking * unit.drive.max_speed / stall
-    axis = Unit.load("axis_a")
-    assert braking == pytest.approx(
-        2e-3 * axis.drive.max_speed / (axis.pump.displacement * axis.accumulator.relief_pressure)
-    )
-
-
 def test_the_axis_is_of_its_own_size() -> None:
     scale = Scale(Unit.load("axis_a"))
     assert scale.force == scale.velocity == scale.leakage == scale.position_gain == 1.0
@@ -213,78 +126,14 @@ def test_two_kilohertz_shows_what_one_does_and_what_lies_between() -> None:
     np.testing.assert_allclose(quick.samples["pump_speed"][1:], speed, atol=1e-3)
 
 
-def test_faults_of_a_missing_pressure_difference_strike_the_chambers_transducer() -> None:
-    channels = ("position", "pump_speed", "pressure_1", "pressure_2")
-    recording = Recording(**{**Recording.perfect().model_dump(), "channels": channels})
-    fault = {"fault": "pressure_sensor_bias", "severity": 1.0}
-    scales = FaultScales(pressure_bias=1e6)
-    runs = [
-        simulate(
-            Unit.load("axis_a"), Scenario(duration=1.0, recording=recording, faults=f, fault_scales=scales)
-        )
-        for f in ([], [fault])
-    ]
-    added = runs[1].samples["pressure_1"] - runs[0].samples["pressure_1"]
-    np.testing.assert_allclose(added, 1e6, atol=300.0)
-
-
-def test_labels_carry_structure_and_condition_and_the_data_sheet_lies_beside(tmp_path: Path) -> None:
-    small = {"rated_pressure": [3e6, 6e6], "displacement": [0.3e-6, 0.6e-6]}
-    drawn = {"name": "drawn", "size": small, "rate": 500, "speed": "sampled", "channels": MINIMUM}
-    recipe = recipe_with(
-        units=2, duration=[4.0, 4.0], baseline_kind="ordinary", structures=[drawn, {"name": "thesis"}],
-        conditions=[{"name": "noisy", "noise": [2, 2]}],
-    )  # fmt: skip
-    data = Dataset.load(generate(recipe, tmp_path / "set"))
-    assert {e.structure for e in data.logs} == {"drawn", "thesis"}
-    assert {e.condition for e in data.logs} == {"noisy"}
-    for entry in data.logs:
-        true, sheet = data.true_unit(entry.unit), data.base_unit(entry.unit)
-        ratio = true.cylinder.area_1 / sheet.cylinder.area_1
-        assert 0.85 <= ratio <= 1.15 and ratio != 1.0
-        samples, baseline = data.samples(entry), data.baseline(entry.unit)
-        assert len(baseline) == 3
-        # Ordinary: strokes first, over 65 % of the travel and at four speeds, then work of half a minute.
-        assert np.nanmax(baseline[0]["position"]) > 0.6 * 0.5 * true.cylinder.stroke
-        speed = np.abs(baseline[0]["pump_speed"]) / true.drive.max_speed
-        assert all(np.nanmean(np.abs(speed - s) < 0.02) > 0.03 for s in (0.12, 0.25, 0.5, 0.75))
-        assert all(30.0 <= b.duration <= 40.0 for b in baseline[1:])
-        period = float(np.median(np.diff(samples.time)))
-        assert period == pytest.approx(2e-3 if entry.structure == "drawn" else 1e-3, rel=1e-6)
-        if entry.structure == "drawn":
-            # The reader adds up the angle.
-            assert set(samples.channels) == {*MINIMUM, "pump_angle"}
-            assert entry.fault_scales["internal_leakage"] != FaultScales().internal_leakage
-            # Noise of the condition, which the profile does not know.
-            error = samples["pressure_difference"][:200]  # at rest
-            assert np.std(error) > 1.3 * true.sensors["pressure_difference"].noise
-
-
-def test_conditions_follow_their_weights_and_change_single_logs_only() -> None:
-    two = [{"name": "usual", "weight": 3}, {"name": "retuned", "loop": [0.5, 0.6]}]
-    recipe = recipe_with(units=10, logs_per_unit=4, conditions=two)
-    found = [condition_of(recipe, i, k) for i in range(10) for k in range(4)]
-    assert Counter(c.name for c in found if c) == {"usual": 30, "retuned": 10}
-    unit = Unit.load("axis_a")
-    retuned = recipe.conditions[1].changed(unit, np.random.default_rng(1))
-    assert 0.5 <= retuned.drive.pole_1 / unit.drive.pole_1 <= 0.6
-    assert retuned.cylinder == unit.cylinder
-    assert recipe.conditions[0].changed(unit, np.random.default_rng(1)) is unit
-
-
 @pytest.mark.parametrize(
     ("structure", "told"),
     [
         ({"size": {"area_ratio": [0.6, 0.8]}}, "piloted"),
         ({"size": {}, "base": "axis_a"}, "base and size"),
         ({"channels": ["position", "pump_speed"]}, "pressure_difference"),
-        ({"channels": [*MINIMUM, "colour"]}, "colour"),
         ({"rate": 300}, "rate"),
-        ({"details": {"friction_law": "rubber"}}, "friction_law"),
-        ({"details": {"softness": [0, 1]}}, "softness"),
         ({"profile": {"oil": {"taste": [0, 1]}}}, "taste"),
-        ({"sensors": {"position": {"zero": [0, 1]}}}, "zero"),
-        ({"loads": {"whale": 1}}, "whale"),
     ],
 )
 def test_what_no_machine_can_be_is_refused_in_one_line(structure: dict[str, Any], told: str) -> None:
@@ -293,14 +142,3 @@ def test_what_no_machine_can_be_is_refused_in_one_line(structure: dict[str, Any]
     assert "\n" not in str(error.value)
     with pytest.raises(InputError, match="twice"):
         recipe_with(structures=[{"name": "odd"}, {"name": "odd"}])
-
-
-def test_what_a_structures_profile_names_is_drawn_on_top_of_its_base() -> None:
-    drawn_of = {"oil": {"bulk_modulus": [3e8, 3.1e8]}, "drive": {"inertia": [1e-3, 1.1e-3]}}
-    given = {"name": "own", "profile": drawn_of, "sensors": {"position": {"noise": [3e-5, 3.1e-5]}}}
-    structure = recipe_with(structures=[given]).structures[0]
-    base, unit = Unit.load("axis_b"), structure.data_sheet("axis_b", np.random.default_rng(2))
-    assert 3e8 <= unit.oil.bulk_modulus <= 3.1e8 and 1e-3 <= unit.drive.inertia <= 1.1e-3
-    assert 3e-5 <= unit.sensor("position").noise <= 3.1e-5
-    assert unit.cylinder == base.cylinder and unit.oil.viscosity_40 == base.oil.viscosity_40
-    assert unit.sensor("pressure_1").noise == base.sensor("pressure_1").noise

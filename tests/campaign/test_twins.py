@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from test_generate import contents, small
-from test_train_validate import cells, finding, label, outcome
 
-from fdd.campaign import generate as generate_module
-from fdd.campaign.card import card
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.scores import Outcome
-from fdd.campaign.validate import by_visibility, outcomes_csv, summary
 from fdd.campaign.visibility import (
-    ROWS_LOST,
     ChannelVisibility,
-    is_visible,
     largest_rms,
     noise_deviation,
     visibility,
     visibility_class,
 )
 from fdd.errors import InputError
-from fdd.logs import read_log
 from fdd.plant.faults.spec import SIMULATED
 from fdd.plant.sensors import MEASURED, Recorder, Recording
 from fdd.samples import Samples
@@ -92,37 +83,6 @@ def test_a_log_of_any_fault_is_its_twin_to_the_last_bit_before_the_onset(made: D
     assert sum(changed) >= len(made.logs) - 3, "nearly every fault leaves some trace in some bit"
 
 
-@pytest.mark.parametrize(("profile", "rate"), [("step", 200), ("ramp", 1000), ("intermittent", 200)])
-def test_faults_of_sensors_shift_no_draw_of_others(profile: str, rate: int, tmp_path: Path) -> None:
-    """Nothing but the struck channel changes, unless the controller sees it."""
-    recipe = with_twins(
-        units=1, logs_per_unit=4, faults={f: {} for f in SENSOR_FAULTS}, profiles={profile: 1},
-        recording={"rate": rate, "nan_bursts_per_minute": 40.0, "dropped": 0.02, "late": 0.1},
-        at_start_share=0.0, severity=[0.9, 1.0], duration=[4.0, 4.0],
-    )  # fmt: skip
-    data = Dataset.load(generate(recipe, tmp_path / "set"))
-    for entry in data.logs:
-        assert rows_before(data, entry) > 0.2 * 4.0 * rate
-        log, twin = data.samples(entry), twin_of(data, entry)
-        assert any(np.isnan(twin[c]).any() for c in twin.channels)
-        changed = {c for c in log.channels if log[c].tobytes() != twin[c].tobytes()}
-        struck = entry.faults[0].channel
-        assert struck in changed or entry.faults[0].fault == "position_sensor_slip"
-        if entry.faults[0].fault != "position_sensor_slip" or entry.scenario.control == "speed":
-            assert changed <= {struck}
-        elif changed:
-            assert {"command", "motor_current"} <= changed, "it acts in the loop"
-
-
-def test_a_twin_of_several_faults_has_none_of_them(tmp_path: Path) -> None:
-    both = with_twins(units=1, logs_per_unit=1, second_fault_share=1.0, format="mcap")
-    data = Dataset.load(generate(both, tmp_path / "set"))
-    (entry,) = data.logs
-    assert len(entry.faults) == 2 and entry.twin == "unit_000/twin_000.mcap"
-    assert rows_before(data, entry) or not min(f.onset_s for f in entry.faults)
-    assert read_log(data.directory / entry.twin).samples.channels == data.samples(entry).channels
-
-
 def test_a_fault_of_severity_nothing_changes_nothing(tmp_path: Path) -> None:
     recipe = with_twins(units=1, logs_per_unit=5, severity=[0.0, 0.0], at_start_share=0.5,
                         faults={f: {} for f in ("seal_wear", *SENSOR_FAULTS)})  # fmt: skip
@@ -132,22 +92,6 @@ def test_a_fault_of_severity_nothing_changes_nothing(tmp_path: Path) -> None:
         assert (data.directory / entry.twin).read_bytes() == (data.directory / entry.file).read_bytes()
         assert entry.visible is False and entry.largest_rms == 0.0
         assert {(v.rms, v.peak, v.lost) for v in entry.visibility.values()} == {(0.0, 0.0, 0.0)}
-
-
-def test_the_twin_is_the_draw_of_its_log_whatever_was_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    judged = []
-
-    def third(run: generate_module.Simulation) -> str:
-        judged.append(run.scenario)
-        return "" if len(judged) == 3 else "not this one"
-
-    monkeypatch.setattr(generate_module, "_trouble", third)
-    recipe = with_twins(units=1, logs_per_unit=1, at_start_share=0.0)
-    data = Dataset.load(generate(recipe, tmp_path / "set"))
-    assert rows_before(data, data.logs[0]) and len(judged) == 3, "the twin itself is not judged"
-    assert all(scenario.faults for scenario in judged)
 
 
 def test_without_twins_nothing_changes_and_with_them_no_log_does(tmp_path: Path) -> None:
@@ -173,27 +117,6 @@ def test_without_twins_nothing_changes_and_with_them_no_log_does(tmp_path: Path)
     Dataset.load(twins).check()
     with pytest.raises(InputError, match="another recipe"):
         generate(with_twins(**fields), plain)
-
-
-@pytest.mark.slow
-def test_two_workers_make_the_same_twins_as_one(made: Dataset, tmp_path: Path) -> None:
-    assert contents(generate(all_kinds(), tmp_path / "two", workers=2)) == contents(made.directory)
-
-
-def test_a_run_that_only_the_fault_kept_in_range_has_no_twin(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = generate_module.simulate
-
-    def healthy_fails(unit: Unit, scenario: generate_module.Scenario) -> generate_module.Simulation:
-        if not scenario.faults:
-            raise InputError("left the range of the model")
-        return whole(unit, scenario)
-
-    monkeypatch.setattr(generate_module, "simulate", healthy_fails)
-    data = Dataset.load(generate(with_twins(units=1, logs_per_unit=1), tmp_path / "set"))
-    assert data.logs[0].twin is None and data.logs[0].visibility is None
-    assert "| fault | visible |" in card(data)
 
 
 def test_noise_is_what_sensors_show_beside_a_smooth_motion() -> None:
@@ -237,65 +160,6 @@ def channels(rms: float, channel: str = "pressure_1", lost: float = 0.0) -> dict
     return {channel: ChannelVisibility(noise=1.0, rms=rms, peak=2.0 * rms, lost=lost)}
 
 
-@pytest.mark.parametrize(
-    ("found", "told", "visible"),
-    [
-        (channels(0.999), "below 1", False),
-        (channels(1.0), "1 to 3", True),
-        (channels(3.0), "3 to 10", True),
-        (channels(10.0), "above 10", True),
-        (channels(9.0, "pump_angle"), "below 1", False),
-        (channels(9.0, "position"), "below 1", False),
-        (channels(9.0, "motor_current"), "3 to 10", True),
-        (channels(0.0, lost=0.1), ROWS_LOST, False),
-        (channels(2.0, lost=0.1), "1 to 3", True),
-        ({}, "below 1", False),
-    ],
-)
-def test_classes_of_visibility(found: dict[str, ChannelVisibility], told: str, visible: bool) -> None:
-    assert (visibility_class(found), is_visible(found)) == (told, visible)
-
-
-def test_the_card_counts_visible_logs(made: Dataset) -> None:
-    text = card(made)
-    assert "`unit_NNN/twin_NNN.parquet`" in text
-    rows = cells(text[text.index("## Visibility") : text.index("## Units")].splitlines())
-    assert {name for name, *_ in rows} == set(SIMULATED)
-    for name, seen, median, *counts in rows:
-        mine = [e for e in made.logs if e.faults[0].fault == name]
-        assert seen == f"{sum(bool(e.visible) for e in mine)} of {len(mine)}"
-        assert float(median) == pytest.approx(np.median([e.largest_rms for e in mine]), rel=5e-3)
-        assert sum(map(int, counts)) == len(mine)
-
-
 def seen(one: Outcome, rms: float) -> Outcome:
     figures = {"twin": "logs/b.parquet", "visibility": channels(rms), "largest_rms": rms, "visible": rms >= 1}
     return Outcome(one.entry.model_copy(update=figures), one.found, one.errors)
-
-
-def test_what_is_found_goes_by_what_could_be_seen() -> None:
-    leak, worn, air = "internal_leakage", "pump_wear", "aeration"
-    outcomes = [
-        seen(outcome([label(leak)], [finding(leak)]), 20.0),
-        seen(outcome([label(leak)], [finding(worn, 10.5, 0.9, leak)]), 20.0),
-        seen(outcome([label(leak)], [finding(air)]), 20.0),
-        seen(outcome([label(leak)], []), 0.5),
-        seen(outcome([label(leak), label(air)], [finding(leak), finding(air)]), 2.0),
-        seen(outcome([label(leak), label(air)], [finding(leak)]), 2.0),
-        outcome([], []),
-    ]
-    assert cells(by_visibility(outcomes)) == [
-        ["all", "below 1", "0.00 (0.00 to 0.79) of 1", "0.00 (0.00 to 0.79) of 1"],
-        ["all", "1 to 3", "1.00 (0.34 to 1.00) of 2", "0.50 (0.09 to 0.91) of 2"],
-        ["all", "above 10", "1.00 (0.44 to 1.00) of 3", "0.67 (0.21 to 0.94) of 3"],
-        ["internal leakage", "below 1", "0.00 (0.00 to 0.79) of 1", "0.00 (0.00 to 0.79) of 1"],
-        ["internal leakage", "above 10", "1.00 (0.44 to 1.00) of 3", "0.67 (0.21 to 0.94) of 3"],
-        ["several at once", "1 to 3", "1.00 (0.34 to 1.00) of 2", "0.50 (0.09 to 0.91) of 2"],
-    ]
-    lines = list(csv.DictReader(io.StringIO(outcomes_csv(outcomes))))
-    told = [(r["visible"], r["visibility"], r["found"], r["named"]) for r in lines]
-    assert told[0] == ("True", "above 10", "True", "True")
-    assert told[2] == ("True", "above 10", "True", "False")
-    assert told[3] == ("False", "below 1", "False", "False") and told[6] == ("", "", "False", "False")
-    plain = [outcome([label(leak)], [finding(leak)])]
-    assert not by_visibility(plain) and "visib" not in summary(plain) + outcomes_csv(plain)

@@ -3,7 +3,6 @@ over for good."""
 
 from __future__ import annotations
 
-import json
 import math
 
 from made_up_evidence import drawn
@@ -47,19 +46,6 @@ def test_a_fault_is_new_once_and_gone_when_three_looks_running_missed_it() -> No
     assert active.intervals() == [(10.0, 50.0), (52.0, math.inf)]
 
 
-def test_one_fault_comes_while_another_stands() -> None:
-    active = ActiveFaults()
-    active.take(evaluation(20.0, finding("leakage")), 0.0)
-    fresh, _ = active.take(evaluation(25.0, finding("leakage"), finding("aeration", 14.0)), 0.0)
-    assert families(fresh) == ["aeration"] and active.now.keys() == {"leakage", "aeration"}
-    active.take(evaluation(30.0, finding("aeration", 14.0)), 0.0)
-    assert active.labels == {f: f"label of {f}" for f in ("leakage", "aeration")}
-    for now in (35.0, 40.0):
-        active.take(evaluation(now, finding("aeration", 14.0)), 0.0)
-    assert active.labels == {"aeration": "label of aeration"}
-    assert active.intervals() == [(10.0, 40.0), (14.0, math.inf)]
-
-
 def test_of_two_findings_of_a_family_the_surer_one_stands() -> None:
     active = ActiveFaults()
     active.take(evaluation(20.0, finding("leakage", 10.0), finding("leakage", 15.0, 0.6)), 0.0)
@@ -88,19 +74,3 @@ def test_an_alarm_that_the_evidence_at_hand_refutes_is_not_told() -> None:
         active.take(evaluation(now), 0.0)
     assert active.past(set(), 5.0) == []
     assert families(active.past(set(), 11.0)) == ["leakage"]
-
-
-def test_what_ended_before_the_oldest_evidence_is_forgotten() -> None:
-    active = ActiveFaults(fault_intervals=[(1.0, 40.0), (60.0, 80.0)])
-    active.take(evaluation(100.0), 50.0)
-    assert active.intervals() == [(60.0, 80.0)]
-
-
-def test_its_state_is_json_and_goes_on_as_it_was() -> None:
-    active = ActiveFaults()
-    active.take(evaluation(20.0, finding("leakage"), finding("aeration")), 0.0)
-    active.take(evaluation(100.0, finding("aeration"), over={"leakage": 30.0}), 0.0)
-    active.take(evaluation(105.0), 0.0)
-    again = ActiveFaults.of(json.loads(json.dumps(active.state())))
-    assert again == active
-    assert again.recovered == {"leakage"} and again.now["aeration"][1] == 1

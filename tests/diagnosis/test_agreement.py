@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import fdd
 from estimators.eha import layout
 from estimators.observability import Observed
 from fdd.diagnosis.agreement import believed
@@ -17,10 +20,6 @@ CHANNELS = ("position", "pump_angle", "pressure_1", "pressure_2", "oil_temperatu
 
 @pytest.fixture(scope="module")
 def unit() -> Unit:
-    from pathlib import Path
-
-    import fdd
-
     return Unit.load(Path(fdd.__file__).parent / "demo" / "unit.yaml")
 
 
@@ -51,37 +50,39 @@ def finding(kind: str, severity: float | None = None) -> FaultFinding:
     )  # fmt: skip
 
 
-def test_what_agrees_with_the_profile_is_observable(unit: Unit) -> None:
-    out, _ = judged(unit, 1.05, 0.9)
-    assert out["leakage"].valid.all() and out["bulk_modulus"].valid.all()
-    assert out["leakage"].held[-1] == pytest.approx(1.05 * unit.pump.total_leakage)
+LEAK, VALVE = finding("internal_leakage", 0.5), finding("relief_valve_stuck_open", 0.5)
+AIR = finding("aeration", 0.5)
+NEVER, BEFORE, AFTER, ALWAYS = [False, False], [True, False], [False, True], [True, True]
 
 
-def test_a_factor_that_no_fault_explains_is_held_at_the_profile(unit: Unit) -> None:
-    """Test: 200 times the leakage beside a healthy verdict. Expected: not observable, and why."""
-    out, why = judged(unit, 200.0, 0.1)
-    for name, healthy in (("leakage", unit.pump.total_leakage), ("bulk_modulus", unit.oil.bulk_modulus)):
-        assert not out[name].valid.any() and out[name].held[-1] == pytest.approx(healthy)
-        assert "agrees neither" in why[name]
-
-
-def test_a_leak_that_was_found_moves_leakage_by_its_own_size_from_its_onset_on(unit: Unit) -> None:
-    more = 1.0 + 0.5 * Scales.of(unit).fault_leakage / unit.pump.total_leakage
-    leak = (finding("internal_leakage", 0.5),)
-    assert judged(unit, more, faults=leak)[0]["leakage"].valid.tolist() == [False, True]
-    assert not judged(unit, 200.0, faults=leak)[0]["leakage"].valid.any()
-    assert not judged(unit, 0.5, faults=leak)[0]["leakage"].valid.any()
-
-
-def test_a_valve_that_was_found_is_no_port_leakage(unit: Unit) -> None:
-    found = judged(unit, 1.0, faults=(finding("relief_valve_stuck_open", 0.5),))[0]
-    assert found["leakage"].valid.tolist() == [True, False]
-
-
-def test_air_that_was_found_softens_the_oil(unit: Unit) -> None:
-    air = (finding("aeration", 0.5),)
-    assert judged(unit, 1.0, 0.3, faults=air)[0]["bulk_modulus"].valid.tolist() == [False, True]
-    assert not judged(unit, 1.0, 3.0, faults=air)[0]["bulk_modulus"].valid.any()
+@pytest.mark.parametrize(
+    ("leakage", "modulus", "found", "leakage_valid", "modulus_valid"),
+    [
+        (1.05, 0.9, (), ALWAYS, ALWAYS),
+        (200.0, 0.1, (), NEVER, NEVER),
+        (None, 1.0, (LEAK,), AFTER, ALWAYS),  # more by its own size, from its onset on
+        (200.0, 1.0, (LEAK,), NEVER, ALWAYS),
+        (0.5, 1.0, (LEAK,), NEVER, ALWAYS),
+        (1.0, 1.0, (VALVE,), BEFORE, ALWAYS),  # a valve's oil does not cross the ports
+        (1.0, 0.3, (AIR,), ALWAYS, AFTER),
+        (1.0, 3.0, (AIR,), ALWAYS, NEVER),
+    ],
+)
+def test_an_estimate_agrees_with_the_profile_or_with_what_was_found(
+    unit: Unit, leakage: float | None, modulus: float, found: tuple[FaultFinding, ...],
+    leakage_valid: list[bool], modulus_valid: list[bool],
+) -> None:  # fmt: skip
+    """Before a fault at 20 s and after it; what agrees with neither is held at the profile, and why."""
+    if leakage is None:
+        leakage = 1.0 + 0.5 * Scales.of(unit).fault_leakage / unit.pump.total_leakage
+    out, why = judged(unit, leakage, modulus, faults=found)
+    healthy = {"leakage": unit.pump.total_leakage, "bulk_modulus": unit.oil.bulk_modulus}
+    for name, valid in (("leakage", leakage_valid), ("bulk_modulus", modulus_valid)):
+        assert out[name].valid.tolist() == valid, name
+        if valid == NEVER and not found:
+            assert out[name].held[-1] == pytest.approx(healthy[name]) and "agrees neither" in why[name]
+    if leakage_valid == ALWAYS:
+        assert out["leakage"].held[-1] == pytest.approx(leakage * healthy["leakage"])
 
 
 def test_a_bulk_modulus_at_an_unknown_pressure_is_none(unit: Unit) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 import pytest
 from simulated_logs import DURATION_S, LOADS
@@ -34,18 +37,32 @@ CASES = {
 }
 
 
+@pytest.fixture(scope="module")
+def evidence_of(unit: Unit) -> Callable[..., Evidence]:
+    """Evidence of a log under a load; the healthy one of each load is made once."""
+    effects = effects_of(unit)
+
+    @cache
+    def made(load: str, *fault: tuple[str, object]) -> Evidence:
+        scenario = Scenario(
+            duration=DURATION_S, load=LOADS[load], seed=77, faults=[dict(fault)] if fault else []
+        )
+        samples = simulate(Unit.load("axis_a"), scenario).samples
+        return Evidence(history_of(samples, unit, effects).marginalised(), effects)
+
+    return made
+
+
 @pytest.mark.parametrize("label", CASES)
-def test_an_amplitude_is_the_plants_severity(unit: Unit, label: str) -> None:
+def test_an_amplitude_is_the_plants_severity(
+    unit: Unit, evidence_of: Callable[..., Evidence], label: str
+) -> None:
     """By the fault's own columns alone, from its onset on; healthy logs make it none."""
     fault, load, which = CASES[label]
-    effects = effects_of(unit)
-    (h,) = (h for h in hypotheses(unit, effects) if (h.fault, h.label) == (fault, label))
+    (h,) = (h for h in hypotheses(unit, effects_of(unit)) if (h.fault, h.label) == (fault, label))
+    given = {"fault": fault, "severity": SEVERITY, "onset": BEGINS_S, **which}
     sizes = []
-    for severity in (0.0, SEVERITY):
-        given = [{"fault": fault, "severity": severity, "onset": BEGINS_S, **which}] if severity else []
-        scenario = Scenario(duration=DURATION_S, load=LOADS[load], seed=77, faults=given)
-        history = history_of(simulate(Unit.load("axis_a"), scenario).samples, unit, effects)
-        evidence = Evidence(history.marginalised(), effects)
+    for evidence in (evidence_of(load), evidence_of(load, *given.items())):
         (found,) = evidence.fitted([(h, "step", round(BEGINS_S / FRAME_S), np.zeros(1))], [])
         sizes.append(found.size)
     assert sizes == pytest.approx([0.0, SEVERITY], abs=0.12)

@@ -17,7 +17,6 @@ from fdd.diagnosis.model import Calibration, Model
 FRAMES = 80
 SPAN = Span([100.0 + 0.5 * k for k in range(FRAMES)], 140.0)
 INNER = hypothesis("internal_leakage", [1.0, 0.0, 0.0])
-WORN = hypothesis("pump_wear", [1.0, 0.0, 0.0])
 AIR = hypothesis("aeration", [0.0, 1.0, 0.2])
 EVERY = [INNER, AIR]
 
@@ -51,13 +50,6 @@ def test_four_of_five_intervals_hold_the_truth(sure: Model) -> None:
     assert inside[1] >= 0.8, "frames are whole: an onset's is no narrower than 80 %"
 
 
-def test_an_onset_that_is_clear_is_known_to_a_frame(sure: Model) -> None:
-    (found,), _ = decide(drawn(1, [(INNER, 1.5, 40)]), EVERY, 4.0)
-    answer = said(found, sure)
-    assert answer.onset_s == 120.0 and answer.onset_interval == (120.0, 120.5)
-    assert answer.detected_s == 140.0
-
-
 def test_what_no_column_knows_widens_a_severitys_interval(sure: Model, tiny_model: Model) -> None:
     """Independent errors: variances add up, and a severity is not below none."""
     (found,), _ = decide(drawn(1, [(INNER, 0.8, 40)]), EVERY, 4.0)
@@ -72,51 +64,6 @@ def test_what_no_column_knows_widens_a_severitys_interval(sure: Model, tiny_mode
     )
     interval = said(found, doubtful).severity_interval
     assert interval is not None and interval[0] == 0.0
-
-
-def test_a_finding_says_what_it_is(tiny_model: Model) -> None:
-    (found,), _ = decide(drawn(1, [(INNER, 0.8, 40)]), EVERY, 4.0)
-    answer = said(found, tiny_model)
-    assert (answer.fault, answer.family, answer.ambiguity) == (
-        "internal_leakage", "leakage", ["internal_leakage"],
-    )  # fmt: skip
-    assert answer.shares == {} and len(answer.evidence) == 1
-    assert answer.severity == pytest.approx(0.8, abs=0.15)
-    assert f"severity {answer.severity:.2f}" in answer.evidence[0] and "from 120.0 s" in answer.evidence[0]
-    assert "of 2 s" in answer.evidence[0], "what its blocks are"
-    assert answer.confidence == pytest.approx(tiny_model.calibration.probability(found.score), abs=0.01)
-
-
-def test_those_that_look_alike_share_the_confidence(tiny_model: Model) -> None:
-    (found,), _ = decide(drawn(5, [(INNER, 0.6, 40)]), [INNER, WORN, AIR], 4.0)
-    answer = said(found, tiny_model)
-    assert set(answer.ambiguity) == {"internal_leakage", "pump_wear"} and answer.fault == answer.ambiguity[0]
-    assert list(answer.shares) == answer.ambiguity and sum(answer.shares.values()) == pytest.approx(
-        1.0, abs=1e-3
-    )
-    whole = sum(found.shares[f] for f in answer.ambiguity)
-    for fault, share in answer.shares.items():
-        assert share == pytest.approx(found.shares[fault] / whole, abs=1e-3)
-    assert len(answer.evidence) == 2 and "would look alike" in answer.evidence[1]
-
-
-def test_what_comes_and_goes_is_said_to(tiny_model: Model) -> None:
-    edges = [(INNER, 0.8 if k % 2 == 0 else -0.8, at) for k, at in enumerate(range(16, 80, 8))]
-    (found, *_), _ = decide(drawn(2, edges), [INNER], 4.0)
-    share = abs(found.lead.size / found.lead.active_amplitude)
-    assert share == pytest.approx(0.5, abs=0.1)
-    assert f"on average {100 * share:.0f} %" in said(found, tiny_model).evidence[1]
-
-
-def test_what_no_fault_explains_is_told_as_unknown(tiny_model: Model) -> None:
-    other = hypothesis("other", [0.2, 0.8, 0.0])
-    (found, *_), _ = decide(drawn(1, [(other, 1.0, 40)]), [INNER], 4.0)
-    answer = said(found, tiny_model)
-    assert answer.fault == answer.family == "unknown" and answer.ambiguity == ["unknown"]
-    assert answer.severity is None and answer.severity_interval is None
-    assert answer.onset_s == pytest.approx(120.0, abs=2.0) and answer.next_check
-    assert f"no more than {100 * found.explained:.0f} %" in answer.evidence[0]
-    assert answer.confidence == pytest.approx(tiny_model.calibration.probability(found.score), abs=0.01)
 
 
 def finding(fault: str, family: str, confidence: float, **shares: float) -> FaultFinding:
@@ -165,15 +112,6 @@ def test_from_the_least_severity_that_a_log_shows_on_faults_are_found(threshold:
     assert found(0.4 * least) <= 0.2
 
 
-def test_what_a_log_shows_at_no_severity_has_none() -> None:
-    blind = hypothesis("aeration", [1e-3, 0.0, 0.0])
-    elsewhere = hypothesis("pump_wear", [1.0, 0.0, 0.0])
-    elsewhere.columns["force"] = elsewhere.columns.pop("volume")
-    found = {x.fault: x.severity for x in invisible(drawn(1), [INNER, blind, elsewhere], 6.0)}
-    assert found.keys() == {"internal_leakage", "aeration", "pump_wear"}
-    assert found["internal_leakage"] is not None and found["aeration"] is found["pump_wear"] is None
-
-
 def test_a_fault_shows_for_sure_where_the_hardest_of_its_ways_does() -> None:
     """On which side a valve clogs nobody knows; how many would be hidden is a mean over all ways."""
     plain, faint = (replace(hypothesis("check_valve_clogged", [c, 0.0, 0.0]), side=k + 1)
@@ -190,12 +128,3 @@ def test_a_fault_shows_for_sure_where_the_hardest_of_its_ways_does() -> None:
     assert invisible(drawn(1), [plain, rare], 6.0)[0].hidden == pytest.approx(
         0.2 + 0.8 * one.hidden, abs=2e-3
     )
-
-
-def test_a_frame_after_one_that_is_not_kept_is_known_as_such() -> None:
-    span = Span([0.0, 0.5, 5.0, 5.5], 6.0)
-    assert [span.lost(k) for k in range(4)] == [True, False, True, False]
-    assert [span.until(k) for k in range(4)] == [0.5, 1.0, 5.5, 6.0]
-    epochs = Span([0.0, 3600.0, 9000.0], 12_000.0, "hours", None)
-    assert [epochs.lost(k) for k in range(3)] == [True, False, False], "none is left out"
-    assert [epochs.until(k) for k in range(3)] == [3600.0, 9000.0, 12_000.0]

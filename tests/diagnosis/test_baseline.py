@@ -4,70 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_up_evidence import EFFECTS
-from numpy.typing import NDArray
 from simulated_logs import HEALTHY, simulated
 
 from fdd.diagnosis.baseline import (
-    _balance,
     baseline_of,
     effects_of,
     histories_of,
-    scattered,
-    structural_variance,
 )
-from fdd.errors import InputError
 from fdd.residuals.balance_history import BalanceHistory
-from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import first_effects, usual_conditions
 from fdd.unit import Unit
 
 NOISE, ROWS, FRAMES = 0.3, 50, 200
-
-
-def sums(seed: int, common: float) -> tuple[NDArray[np.float64], ...]:
-    """Frames as a history gives them: white noise, and an error that a frame's rows have in common.
-
-    Parameters
-    ----------
-    common : std of each column's part of that error, over the rows' noise: of orthonormal columns.
-    """
-    rng = np.random.default_rng(seed)
-    information, vector, variance = np.empty((FRAMES, 3, 3)), np.empty((FRAMES, 3)), np.empty(FRAMES)
-    for h in range(FRAMES):
-        x, _ = np.linalg.qr(rng.normal(size=(ROWS, 3)))
-        x *= rng.uniform(1.0, 20.0)
-        own = x / np.linalg.norm(x, axis=0) @ (NOISE * common * rng.normal(size=3))
-        y = x @ EFFECTS.mean + NOISE * rng.normal(size=ROWS) + own
-        rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-        variance[h] = rest @ rest / (ROWS - 3)
-        information[h], vector[h] = x.T @ x / variance[h], x.T @ y / variance[h]
-    return information, vector, np.full(FRAMES, float(ROWS)), variance
-
-
-@pytest.mark.parametrize("common", [0.0, 3.0, 10.0])
-def test_a_row_errs_by_what_its_frame_has_in_common(common: float) -> None:
-    """A frame's own fit follows what its rows have in common, so its residual knows nothing of it."""
-    logs = [sums(seed, common) for seed in range(3)]
-    plain = float(np.mean(logs[0][3]))
-    assert plain == pytest.approx(NOISE**2, rel=0.1)
-    # The median of a mean of three squares is 0.79 of its mean (chi square of three degrees of freedom).
-    right = 0.789 * NOISE**2 * (1.0 + common**2)
-    assert structural_variance(logs, EFFECTS, plain) == pytest.approx(right, rel=0.12)
-
-
-@pytest.mark.parametrize("common", [0.0, 3.0, 10.0])
-def test_a_log_tells_less_by_what_its_stretches_have_in_common(common: float) -> None:
-    """Errors that a frame's rows share have `common` times the rows' own std in each coefficient, so claims
-    of independent rows are 1 + common² too sure. A log's figure has a std of 12 %, the mean of eight 4 %."""
-    found = []
-    for seed in range(8):
-        information, vector, _, variance = sums(seed, common)
-        wrong = (variance / NOISE**2)[:, None]
-        squares, over = scattered(information * wrong[:, :, None], vector * wrong, EFFECTS)
-        found.append(over)
-        assert np.trace(squares) > 0.0
-    assert np.mean(found) == pytest.approx(1.0 + common**2, rel=0.15)
 
 
 @pytest.fixture(scope="module")
@@ -94,19 +42,6 @@ def test_logs_that_are_added_count_as_if_they_had_been_there(histories: list[Bal
         assert (std < 0.85 * std_alone).any() or not told.any(), name
 
 
-def test_frames_that_told_nothing_are_no_part_of_a_baseline(histories: list[BalanceHistory]) -> None:
-    """A seal that sticks says nothing of its friction: not each frame of a log slides."""
-    found = baseline_of(histories)
-    for name, known in found.balances.items():
-        told = np.concatenate([history.sums()[name][2] for history in histories]) > 0.0
-        assert known.hops == told.sum(), name
-        assert len(known.hop_noise) == 21 and known.columns == list(BALANCES[name].columns)
-        noises = np.concatenate([np.sqrt(history.sums()[name][3]) for history in histories])[told]
-        quantiles = np.quantile(noises, [0.0, 0.5, 1.0])
-        np.testing.assert_allclose(np.array(known.hop_noise)[[0, 10, 20]], quantiles, rtol=0.02)
-    assert found.balances["force"].hops < found.balances["volume"].hops
-
-
 def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
     histories: list[BalanceHistory],
 ) -> None:
@@ -125,36 +60,3 @@ def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
             usual = first.between_logs(usual_conditions(known.noise)) * known.moderation
             np.testing.assert_allclose(between, usual, rtol=1e-6)
             assert e.noise == known.noise and e.information.any() and e.scatter.any()
-
-
-def test_ten_frames_are_the_least_that_make_a_baseline() -> None:
-    unit, log = Unit.load("axis_a"), simulated(*HEALTHY[0])
-    short, long = (histories_of(unit, [log.rows(0, n)]) for n in (4_400, 4_900))
-    assert len(short[0].frames) == 9 and len(long[0].frames) == 10
-    with pytest.raises(InputError, match="too short"):
-        baseline_of(short)
-    assert baseline_of(long).seconds == 5.0
-    assert baseline_of(short, baseline_of(long)).seconds == 9.5, "with what is known already they do"
-
-
-FIRST, USUAL = first_effects("coherence"), usual_conditions(0.001)
-
-
-def test_noises_of_logs_that_are_added_later_are_those_of_all_logs_at_once() -> None:
-    """A baseline keeps 21 quantiles of its frames, each of which stands for as many as it was taken of."""
-    rng, n = np.random.default_rng(17), len(BALANCES["coherence"].columns)
-
-    def sums(levels: np.ndarray) -> tuple[np.ndarray, ...]:
-        many = levels.size
-        return np.tile(np.eye(n), (many, 1, 1)), np.zeros((many, n)), np.full(many, 20.0), levels**2
-
-    calm, loud = 0.001 * rng.lognormal(0.0, 0.1, 1200), 0.004 * rng.lognormal(0.0, 0.1, 600)
-    first = _balance(FIRST, "coherence", [sums(calm)], [USUAL], None, 0.0)
-    together = _balance(FIRST, "coherence", [sums(calm), sums(loud)], [USUAL] * 2, None, 0.0)
-    added = _balance(FIRST, "coherence", [sums(loud)], [USUAL], first, 2.0 / 3.0)
-    # Two thirds are calm: the quantile between the two kinds is anything in between.
-    inner = [k for k in range(1, 20) if k not in (13, 14)]
-    np.testing.assert_allclose(
-        np.array(added.hop_noise)[inner], np.array(together.hop_noise)[inner], rtol=0.03
-    )
-    assert added.noise == pytest.approx(together.noise, rel=0.03) and added.hops == together.hops

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from fdd.diagnosis.random_effects import PRIOR_LOGS, moderation
-from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import LogConditions, first_effects
 
 USUAL = LogConditions(1.0, 0.0, 0.0, 0.0, 0.0)
@@ -34,17 +31,3 @@ def test_many_logs_tell_a_units_own_variance(std: float) -> None:
 
 def test_logs_that_tell_nothing_leave_the_populations() -> None:
     np.testing.assert_allclose(moderation("coherence", logs(4.0, 3, 1e-9), FIRST), 1.0, atol=1e-3)
-
-
-def test_three_logs_move_it_no_further_than_their_weight() -> None:
-    alike = moderation("coherence", logs(0.0, 3, 1e6), replace(FIRST, units=np.full(COLUMNS, 1e-9)))
-    np.testing.assert_allclose(alike, PRIOR_LOGS / (PRIOR_LOGS + 3), rtol=0.01)
-
-
-def test_what_belongs_to_the_load_is_left_alone() -> None:
-    first = first_effects("force")
-    own = np.array([c not in BALANCES["force"].free for c in BALANCES["force"].columns])
-    information = np.eye(int(own.sum())) * 1e4
-    many = [(information, information @ (first.mean[own] + k), USUAL) for k in (-3.0, 0.0, 3.0)]
-    factor = moderation("force", many, first)
-    assert (factor[~own] == 1.0).all() and (factor[own] > 1.0).all()

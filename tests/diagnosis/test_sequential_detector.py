@@ -3,8 +3,6 @@ end."""
 
 from __future__ import annotations
 
-import json
-
 import pytest
 from made_up_evidence import drawn, hypothesis
 
@@ -79,13 +77,6 @@ def test_a_second_look_at_the_same_end_counts_once(tiny_model: Model) -> None:
     )
 
 
-def test_a_fault_that_grows_is_not_over() -> None:
-    """Its end takes away what it was, and never adds to it."""
-    grown = drawn(1, [(INNER, 0.6, 20), (INNER, 0.6, 50)])
-    found, _ = decide(grown, [INNER, AIR], 4.0, [INNER.label])
-    assert found and all(f.lead.hypothesis.ends is None for f in found)
-
-
 def test_an_onset_is_not_before_the_first_sample_and_stays_once_its_frames_are_gone(
     tiny_model: Model,
 ) -> None:
@@ -119,15 +110,3 @@ def test_a_detector_of_known_kinds_alone_tells_the_nearest(tiny_model: Model) ->
         detector = SequentialDetector([INNER], 4.0, tiny_model, unknown=unknown)
         evaluation = detector.evaluate(strange, span(40.0), 0.0)
         assert families(evaluation.findings)[0] == family and family in evaluation.labels
-
-
-def test_its_state_is_json_and_goes_on_as_it_was(tiny_model: Model) -> None:
-    one, other = (SequentialDetector([INNER, AIR], SCORE - 0.2, tiny_model) for _ in range(2))
-    for end in (45.0, 50.0):
-        one.take(one.evaluate(STEP, span(end), 0.0), 0.0)
-    other.restore(json.loads(json.dumps(one.state())))
-    assert other.at == 50.0
-    for detector in (one, other):
-        assert families(detector.take(detector.evaluate(STEP, span(55.0), 0.0), 0.0)[0]) == ["leakage"]
-    other.restore(json.loads(json.dumps(one.state())))
-    assert other.state() == one.state()

@@ -15,7 +15,7 @@ from fdd.diagnosis.sequential_detector import SequentialDetector
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects, usual_conditions
-from fdd.residuals.epochs import EPOCH_FRAMES, EPOCHS_EACH, Epochs
+from fdd.residuals.epochs import EPOCH_FRAMES, Epochs
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
@@ -67,26 +67,3 @@ def test_a_leak_that_grows_over_days_is_found() -> None:
     for seed in (1, 2):
         (hour, found), *more = life(seed, 90, 0.3, 10, 60)
         assert found == {"internal_leakage"} and 10 < hour < 70 and not more
-
-
-def test_epochs_of_years_are_few_and_lose_nothing() -> None:
-    """Thinned and kept in a state meanwhile: the sums are those of all frames, and recent hours stay
-    hours."""
-    epochs, rng = Epochs(), np.random.default_rng(3)
-    total = 0.0
-    for hour in range(3000):
-        value = rng.uniform()
-        total += value
-        epochs.add(
-            range(hour * EPOCH_FRAMES, (hour + 1) * EPOCH_FRAMES), {"refeed": (np.eye(4) * value, np.ones(4))}
-        )
-        if hour == 1234:
-            state, epochs = epochs.state(), Epochs()
-            epochs.restore(state)
-    starts = epochs.starts() / 3600.0
-    assert len(epochs) < 150 and epochs.completed == 3000
-    assert starts[0] == 0.0 and np.array_equal(
-        starts[-EPOCHS_EACH // 2 :], np.arange(3000 - EPOCHS_EACH // 2, 3000)
-    )
-    assert (np.diff(starts) <= np.maximum(2 * (3000 - starts[:-1]) / EPOCHS_EACH, 1.0)).all()
-    assert sum(float(t["refeed"][0][0, 0]) for t in epochs._sums) == pytest.approx(total)

@@ -89,27 +89,6 @@ def test_jacobian_is_that_of_central_differences(area_2: float, h: float) -> Non
         assert share.max() < 1e-6, np.unravel_index(share.argmax(), share.shape)
 
 
-def test_linearised_where_the_encoders_put_velocity_and_speed() -> None:
-    """Columns of air, its split and gain are those of the step that moved at that velocity and speed."""
-    rng, q = np.random.default_rng(12), model()
-    for _ in range(30):
-        x = state(rng)
-        v_at, w_at = rng.uniform(-0.2, 0.2), rng.uniform(-0.3, 0.3)
-        there = x.copy()
-        there[eha.W] = w_at
-        # The load acts linearly on the velocity after the step: choose it such that it is `v_at`.
-        without = stepped(there, q)[0][eha.V]
-        there[eha.LOAD] += 1.0
-        there[eha.LOAD] += (v_at - without) / (stepped(there, q)[0][eha.V] - without) - 1.0
-        assert stepped(there, q)[0][eha.V] == pytest.approx(v_at, abs=1e-12)
-        F, expected = stepped(x, q, v_at=v_at, w_at=w_at)[1], differences(there, q)
-        for column in (eha.AIR, eha.SPLIT, eha.GAIN):
-            pressures = [eha.P1, eha.P2]
-            np.testing.assert_allclose(
-                F[pressures, column], expected[pressures, column], rtol=1e-6, atol=1e-9
-            )
-
-
 def gas_volume(p: float) -> float:
     """Of a unit of free air, adiabatic or as its index says, over its volume at atmosphere."""
     return (eha.ATMOSPHERE / (p + eha.ATMOSPHERE)) ** (1.0 / INDEX)
@@ -159,27 +138,6 @@ def test_volume_balance_holds_to_rounding(seed: int, h: float) -> None:
     rounding = 1e-12 * largest + 1e-10 * DISPLACEMENT * h
     assert stored[0] + AREA * change[eha.X] + out_1 == pytest.approx(delivered[0], abs=rounding)
     assert stored[1] - area_2 * change[eha.X] + out_2 == pytest.approx(-delivered[1], abs=rounding)
-
-
-@pytest.mark.parametrize("high", [0.6, 2.0, 3.4])
-def test_the_pump_neither_makes_nor_destroys_oil(high: float) -> None:
-    """Mass that leaves one chamber arrives in the other, to second order in compressibility.
-
-    Pump alone: piston held, nothing leaks. Mass per chamber is volume over specific volume.
-    """
-    q, x = model(sweep=1.0), np.zeros(N)
-    x[[eha.P1, eha.P2, eha.AIR, eha.W]] = high, 0.5, 3.0, 0.1
-    out = stepped(x, q)[0]
-    # Chambers store C Δp of volume each, at their own density.
-    density = [1.0 / (1.0 + specific_volume(x, q, p) - specific_volume(x, q, 0.5)) for p in (high, 0.5)]
-    moved = DISPLACEMENT * STEP * x[eha.W]
-    piston = AREA * (out[eha.X] - x[eha.X])
-    gained = [c * (out[p] - x[p]) for c, p in zip(capacities(x, q, AREA), (eha.P1, eha.P2), strict=True)]
-    gained = [gained[0] + piston, gained[1] - piston]
-    mass = density[0] * gained[0] + density[1] * gained[1]
-    compressed = density[0] / density[1] - 1.0
-    assert abs(mass) < 0.6 * compressed**2 * moved
-    assert abs(gained[0] + gained[1]) > 0.9 * compressed * moved, "while volumes do differ"
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -241,17 +199,3 @@ def test_viscous_friction_has_a_direction(v: float) -> None:
     assert slowed[-1.0, 0.0] == pytest.approx(200.0, rel=1e-9)
     assert slowed[1.0, 50.0] == pytest.approx(250.0, rel=1e-9)
     assert slowed[-1.0, 50.0] == pytest.approx(150.0, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("pressures", "difference", "fixed"),
-    [
-        (True, True, []),
-        (True, False, [eha.ZERO]),
-        (False, True, [eha.SPLIT, eha.ZERO]),
-    ],
-)
-def test_states_that_the_sensors_cannot_tell(pressures: bool, difference: bool, fixed: list[int]) -> None:
-    free = eha.free_states(pressures=pressures, difference=difference)
-    assert free.shape == (N,)
-    assert np.flatnonzero(~free).tolist() == fixed

@@ -10,12 +10,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from consistent_axis import WALKS
 
 from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.eha.noise import Noise
 from estimators.eha.tracker import EhaTracker
+from estimators.eha.walk import walk_parameters, walk_rates
 from estimators.ekf import ExtendedKalmanFilter
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
@@ -34,6 +34,13 @@ BOUNDS = {
     eha.SPLIT: (-30.0, 30.0),
     eha.GAIN: (-0.1, 0.1),
 }
+# Parameters that walk, as (field of the noise, factor from SI to the model's unit), from its documentation.
+WALKS = {
+    eha.LEAK: ("leakage", 1.0), eha.AIR: ("air", 1e3), eha.SPLIT: ("air_split", 1e3), eha.GAIN: ("gain", 1.0),
+    eha.FRIC: ("friction", 1.0), eha.VISC: ("viscous_friction", 1.0), eha.SKEW: ("viscous_skew", 1.0),
+    eha.STIF: ("stiffness", 1e-3), eha.THROT: ("throttle", 1.0), eha.INERT: ("inertia", 1.0),
+    eha.ZERO: ("zero", 1e-6),
+}  # fmt: skip
 # Where the textbook's constants of the windows come from: 250 ms, the long one eight of them.
 WINDOW, LONG, JUMP = 250, 8, 5.0
 
@@ -233,3 +240,32 @@ def test_jumps_and_bounds_are_those_of_the_textbook_filter(leakage: float) -> No
     assert book.jumps > 0
     assert book.bounded > 0
     assert compiled.P[eha.LEAK, eha.LEAK] > 0.01**2
+
+
+def walked(x: np.ndarray, P: np.ndarray, seconds: float, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """State and covariance after steps of `h` ms without any measurement."""
+    x, P, diag, c = x.copy(), P.copy(), np.empty(N), Noise().numbers()
+    rates = walk_rates(c)
+    for _ in range(round(1e3 * seconds / h)):
+        walk_parameters(x, P, h, 1.0, c, rates, diag)
+        P[np.diag_indices(N)] += diag
+    return x, P
+
+
+@pytest.mark.parametrize("gap", [2.0, 60.0, 3600.0])
+def test_a_gap_in_one_step_is_the_gap_in_milliseconds(gap: float) -> None:
+    """A log with a hole, or a monitor that was off for an hour: one call, not a million."""
+    x, noise, P = np.zeros(N), Noise(), np.zeros((N, N))
+    x[[eha.LEAK, eha.AIR, eha.FRIC, *VALVES]] = 1.0, 3.0, 1.0, 0.02, 0.002
+    for state, (name, factor) in WALKS.items():
+        P[state, state] = (0.3 * getattr(noise, f"initial_{name}") * factor) ** 2
+    P[VALVES, VALVES] = (0.3 * noise.initial_valve) ** 2
+    at_once, slowly = walked(x, P, gap, 1e3 * gap), walked(x, P, gap, gap)
+    # The valve's pull changes a little while it closes; one step takes it as it was.
+    np.testing.assert_allclose(at_once[0], slowly[0], atol=2e-3)
+    for state in (*WALKS, *VALVES):
+        spread = np.sqrt(slowly[1][state, state] + 1e-12)
+        assert np.sqrt(at_once[1][state, state]) == pytest.approx(spread, rel=0.06), state
+    for state, (name, factor) in WALKS.items():
+        most = getattr(noise, f"initial_{name}") * factor
+        assert np.sqrt(at_once[1][state, state]) <= most * (1.0 + 1e-9)

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 
-from estimators import SVSF, ExtendedKalmanFilter, jacobian, nis_band
+from estimators import ExtendedKalmanFilter, jacobian
 from estimators.kernels import kalman_update
 
 
@@ -98,39 +97,6 @@ def test_nonlinear_filter_equals_filterpy(own_jacobian: bool) -> None:
     assert np.abs(ours.x - x).max() < 30.0
 
 
-def test_nonlinear_prediction_uses_the_model_and_its_jacobian() -> None:
-    """One step of a pendulum with an input: mean from f, covariance from the exact Jacobian."""
-
-    def swing(x, u, dt):
-        return [x[0] + dt * x[1], x[1] + dt * (u - 9.81 * np.sin(x[0]))]
-
-    kf = ExtendedKalmanFilter(2, 1, f=swing)
-    kf.x, P = np.array([0.7, -0.2]), np.array([[0.2, 0.01], [0.01, 0.3]])
-    kf.P, kf.Q = P, [1e-3, 2e-3]
-    kf.predict(u=0.4, dt=0.03)
-    np.testing.assert_allclose(kf.x, [0.7 - 0.006, -0.2 + 0.03 * (0.4 - 9.81 * math.sin(0.7))])
-    F = np.array([[1.0, 0.03], [-0.03 * 9.81 * math.cos(0.7), 1.0]])
-    np.testing.assert_allclose(kf.P, F @ P @ F.T + np.diag([1e-3, 2e-3]), rtol=1e-9)
-
-
-def test_variable_time_step_of_a_linear_model() -> None:
-    """A step of 0.3 s equals three of 0.1 s for a model that is exact in dt."""
-
-    def transition(x, u, dt):
-        return [[1.0, dt], [0.0, 1.0]]
-
-    def noise(dt):  # integrated white acceleration
-        return np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-
-    one, three = (ExtendedKalmanFilter(2, 1, F_jacobian=transition) for _ in range(2))
-    one.x, three.x = np.array([1.0, 2.0]), np.array([1.0, 2.0])
-    one.predict(dt=0.3, Q=noise(0.3))
-    for _ in range(3):
-        three.predict(dt=0.1, Q=noise(0.1))
-    np.testing.assert_allclose(one.x, three.x)
-    np.testing.assert_allclose(one.P, three.P)
-
-
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 5), full=st.booleans())
 def test_missing_channels_equal_an_update_without_those_rows(seed: int, n: int, m: int, full: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -163,20 +129,6 @@ def test_missing_channels_equal_an_update_without_those_rows(seed: int, n: int, 
         np.testing.assert_allclose(Pk, holed.P, rtol=1e-9, atol=1e-12)
         assert nis == pytest.approx(holed.nis)
         assert log_likelihood == pytest.approx(holed.log_likelihood)
-
-
-@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 6))
-def test_likelihood_equals_the_multivariate_normal_density(seed: int, n: int, m: int) -> None:
-    rng = np.random.default_rng(seed)
-    kf = ExtendedKalmanFilter(n, m)
-    kf.H, kf.P, kf.R = rng.normal(size=(m, n)), covariance(rng, n), covariance(rng, m)
-    kf.x, z = rng.normal(size=n), rng.normal(size=m)
-    S = kf.H @ kf.P @ kf.H.T + kf.R
-    expected = stats.multivariate_normal.logpdf(z, mean=kf.H @ kf.x, cov=S, allow_singular=False)
-    y = z - kf.H @ kf.x
-    kf.update(z)
-    assert kf.log_likelihood == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    assert kf.nis == pytest.approx(float(y @ np.linalg.solve(S, y)), rel=1e-8)
 
 
 def test_diffuse_prior_and_two_precise_sensors() -> None:
@@ -216,11 +168,8 @@ def test_jacobian_by_differences_of_badly_scaled_states() -> None:
     [
         (lambda kf: kf.update([1.0, 2.0, 3.0]), "z has 3 values, the filter expects 2"),
         (lambda kf: kf.update([1.0, np.inf]), "z is infinite in channel 1"),
-        (lambda kf: kf.update([1.0, 2.0], R=[-1.0, 1.0]), "R has a negative variance at 0"),
         (lambda kf: kf.update([1.0, 2.0], Hx=lambda x: [np.nan, 0.0]), "innovation z - h.x. is not finite"),
-        (lambda kf: kf.predict(u=[1.0]), "u is given but the filter has no B"),
         (lambda kf: kf.predict(F=np.eye(2)), r"F has shape \(2, 2\), the filter expects \(3, 3\)"),
-        (lambda kf: kf.predict(Q=np.nan), "Q has values that are not finite"),
     ],
 )
 def test_unusable_input_is_refused_in_one_line_and_changes_nothing(act, message: str) -> None:
@@ -248,22 +197,6 @@ def pair(rng: np.random.Generator, n: int, m: int, **options):
     return plain, robust
 
 
-@given(**problem, svsf=st.booleans())
-def test_a_masked_channel_is_a_missing_channel(seed: int, n: int, m: int, svsf: bool) -> None:
-    rng = np.random.default_rng(seed)
-    H, P, R = rng.normal(size=(m, n)), covariance(rng, n), covariance(rng, m)
-    mask, z = rng.random(m) < 0.5, rng.normal(size=m)
-    make = (lambda: SVSF(n, m, psi=0.5)) if svsf else (lambda: ExtendedKalmanFilter(n, m))
-    masked, holed = make(), make()
-    for kf in (masked, holed):
-        kf.H, kf.P, kf.R = H, P, R
-    masked.update(np.where(mask, z, np.inf), mask=mask)  # whatever stands there
-    holed.update(np.where(mask, z, np.nan))
-    for name in ("x", "P", "K", "S", "z", "y", "nis", "log_likelihood", "channels_used"):
-        np.testing.assert_array_equal(getattr(masked, name), getattr(holed, name), err_msg=name)
-    assert masked.channels_used == mask.sum()
-
-
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 5), limit=st.floats(0.5, 5.0))
 def test_one_channel_follows_hubers_influence_function(seed: int, n: int, limit: float) -> None:
     """The correction is the Kalman correction of the innovation clipped at the limit."""
@@ -284,52 +217,3 @@ def test_one_channel_follows_hubers_influence_function(seed: int, n: int, limit:
     before = pair(np.random.default_rng(seed), n, 1)[0].P
     Ph = before @ plain.H.T
     np.testing.assert_allclose(robust.P, before - Ph @ Ph.T * weight / S, rtol=1e-7, atol=1e-10)
-
-
-def test_with_bad_samples_it_beats_the_kalman_filter_and_without_it_costs_little() -> None:
-    """5 % of samples are off by some 20 standard deviations (seeded, 4000 samples)."""
-    rng = np.random.default_rng(5)
-    rms = {}
-    for share in (0.0, 0.05):
-        filters = {None: ExtendedKalmanFilter(1, 1), 2.0: ExtendedKalmanFilter(1, 1, robust=2.0)}
-        for kf in filters.values():
-            kf.H, kf.Q, kf.R, kf.x = [[1.0]], 1e-2, 1.0, np.zeros(1)
-        x, errors = 0.0, []
-        for _ in range(4000):
-            x += 0.1 * rng.normal()
-            z = x + rng.normal() + (20.0 * rng.normal() if rng.random() < share else 0.0)
-            for kf in filters.values():
-                kf.predict()
-                kf.update(z)
-            errors.append([kf.x.item() - x for kf in filters.values()])
-        rms[share] = np.sqrt(np.mean(np.square(errors), axis=0))
-    assert rms[0.0][1] < 1.03 * rms[0.0][0]
-    assert rms[0.05][1] < 0.5 * rms[0.05][0]
-
-
-@pytest.mark.parametrize("dim_z", [1, 2])
-def test_nis_is_in_its_band_when_the_model_is_right(dim_z: int) -> None:
-    """200 seeded runs of 100 steps. The test would fail by chance once in 1000 seeds (99.9 % band)."""
-    rng = np.random.default_rng(10)
-    runs, steps = 200, 100
-    F, H = np.array([[1.0, 0.1], [0.0, 0.98]]), np.eye(2)[:dim_z]
-    Q, R = np.diag([1e-3, 1e-2]), np.diag([0.1, 0.2][:dim_z])
-    total, worst_share = 0.0, 0
-    low95, high95 = nis_band(dim_z, steps)
-    for _ in range(runs):
-        kf = ExtendedKalmanFilter(2, dim_z)
-        kf.F, kf.H, kf.Q, kf.R = F, H, Q, R
-        x = rng.normal(size=2)
-        kf.x = np.zeros(2)
-        nis = 0.0
-        for _ in range(steps):
-            x = F @ x + rng.normal(size=2) * np.sqrt(np.diag(Q))
-            kf.predict()
-            kf.update(H @ x + rng.normal(size=dim_z) * np.sqrt(np.diag(R)))
-            nis += kf.nis
-        worst_share += not low95 <= nis / steps <= high95
-        total += nis
-    low, high = nis_band(dim_z, runs * steps, 0.999)
-    assert low < total / (runs * steps) < high
-    # The 95 % band of one run rejects 5 % of them: 200 runs give 10, and 1 to 21 in 99.9 % of seeds.
-    assert stats.binom.ppf(0.0005, runs, 0.05) <= worst_share <= stats.binom.ppf(0.9995, runs, 0.05)

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 import fdd.faults
-from fdd.errors import InputError
-from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, Fault, fault, faults_of
+from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, Fault
 from fdd.plant.details import Details
 from fdd.plant.faults.injection import PARAMETERS
 from fdd.plant.sensors import SENSOR_FAULTS
@@ -130,22 +129,3 @@ def test_the_catalogue_needs_nothing_but_the_standard_library(path: Path) -> Non
         for name in names:
             ours = name in ("fdd.errors", "fdd.packages") or name.startswith("fdd.faults")
             assert ours or name.split(".")[0] in sys.stdlib_module_names, name
-
-
-@pytest.mark.parametrize("entry", CATALOGUE.values(), ids=lambda f: f.id)
-def test_key_is_the_id(entry: Fault) -> None:
-    assert fault(entry.id) is entry
-    assert entry.id in faults_of(entry.family)
-
-
-def test_every_family_lists_its_faults_once() -> None:
-    listed = [name for family in FAMILIES for name in faults_of(family)]
-    assert listed == list(CATALOGUE)
-
-
-def test_unknown_id_lists_the_catalogue() -> None:
-    with pytest.raises(InputError) as caught:
-        fault("leek")
-    line = str(caught.value)
-    assert line.startswith("unknown fault 'leek'; the catalogue has: internal_leakage, ")
-    assert all(name in line for name in PROMISED)

@@ -80,34 +80,6 @@ def test_one_throttled_log_is_enough() -> None:
     assert len(found.told) >= 3 and all(hits(found, truth))
 
 
-def test_units_of_other_sizes() -> None:
-    """Four figures each of three, hardly independent: two of twelve outside by chance: 0.1."""
-    sizes = [(4, 0.5, 3.0), (6, 3.0, 3.0), (6, 3.0, 1.0)]
-    inside = [hits(*_sized(*each)) for each in sizes]
-    assert [len(each) for each in inside] == [4, 4, 4]
-    assert sum(map(sum, inside)) >= 10
-
-
-def _sized(seed: int, size: float, stiffer: float) -> tuple[Outcome, Unit]:
-    truth, base = random_unit(seed), AXIS_A.model_copy(deep=True)
-    for unit in (truth, base):
-        for section, names in (
-            (unit.cylinder, ("area_1", "area_2", "volume_1", "volume_2", "moving_mass")),
-            (unit.pump, ("displacement", "cross_port_leakage", "case_leakage")),
-            (unit.accumulator, ("gas_volume", "oil_volume", "refeed_flow_gain", "relief_flow_gain")),
-            (unit.drive, ("torque_constant", "inertia")),
-            *((b, ("coulomb", "static", "viscous")) for b in (unit.friction.forward, unit.friction.reverse)),
-        ):
-            for name in names:
-                setattr(section, name, size * getattr(section, name))
-        unit.oil.bulk_modulus *= stiffer
-    details = {
-        "line_loss": 6e11 / size**2, "seal_damping": 500.0 * size, "bristle_stiffness": 1e6 * size,
-        "pump_coulomb_torque": 0.045 * size,
-    }  # fmt: skip
-    return outcome(calibration_logs(truth, seed, details=details), base), truth
-
-
 def test_volumes_that_strokes_do_not_tell_widen_the_interval() -> None:
     truth = random_unit(1)
     sines = calibration_logs(truth, 1)[1:2]
@@ -128,12 +100,3 @@ def test_chambers_never_shut_are_said() -> None:
     never_shut = {"pressure_1": low, "pressure_2": low, "pressure_difference": 0.0 * low}
     found = outcome([log.with_columns(never_shut)])
     assert not found.told and "refeeding" in found.not_told[0] and " 0 % of the time" in found.not_told[0]
-
-
-def test_pressure_steps_below_the_noise_are_said() -> None:
-    log, rng = calibration_logs(random_unit(1), 1)[0], np.random.default_rng(0)
-    noise = rng.normal(0.0, 3e6, (2, len(log)))
-    columns = {c: log[c] + more + 3e6 for c, more in zip(("pressure_1", "pressure_2"), noise, strict=True)}
-    found = outcome([log.with_columns(columns)])
-    # In such noise no chamber is surely the higher one: there are hardly any steps at all.
-    assert not found.told and "too seldom while it moves" in found.not_told[0]

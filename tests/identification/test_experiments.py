@@ -12,14 +12,13 @@ from fdd.identification.experiments.friction import friction
 from fdd.identification.experiments.gain import gain
 from fdd.identification.experiments.leakage import leakage
 from fdd.identification.experiments.outcome import Outcome, Told
-from fdd.identification.experiments.polynomial import Series, best_model, find_delay, fit_model
+from fdd.identification.experiments.polynomial import Series, fit_model
 from fdd.identification.experiments.response import frequency_response, from_profile
-from fdd.identification.experiments.spectra import half_power_frequency, welch
+from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.identification.record import Record, even_record
 from fdd.plant.details import Details
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import Simulation, simulate
-from fdd.samples import Samples
 from fdd.unit import Unit
 from reports.thesis.runs import VOLT, identification_volts, run_speed
 
@@ -66,25 +65,6 @@ def test_a_system_in_coloured_noise_is_found_with_its_noise():
     assert np.std(model.errors(s)) == pytest.approx(0.3, rel=0.03)
 
 
-def test_delay_and_order_are_found():
-    series = [second_order(2e-3, 5, delay=3)]
-    delay = find_delay(series, 8)
-    assert delay in (3, 4)  # the held input's first coefficient is small
-    assert best_model(series, T, (1, 2, 3, 4), delay).order == 2
-
-
-def test_the_measured_response_has_the_true_one_in_its_band():
-    inside, count = 0, 0
-    for seed in range(5):
-        s = second_order(2e-3, seed, rows=20_000)
-        found = welch([s], T, 1.0)
-        z = np.exp(2j * np.pi * found.frequency * T)
-        true = np.polyval(TOP, z) / np.polyval(BOTTOM, z)
-        inside += int(np.count_nonzero(np.abs(found.response - true) < found.radius))
-        count += found.frequency.size
-    assert 0.85 < inside / count < 0.99
-
-
 def told(outcome: Outcome) -> dict[str, Told]:
     return {t.quantity: t for t in outcome.told}
 
@@ -125,14 +105,6 @@ def test_the_hydraulic_resonance_of_eq_5_22_is_found():
     bandwidth = found["-3 dB bandwidth by Welch"]
     assert bandwidth.low < corner < bandwidth.high
     assert bandwidth.value == pytest.approx(corner, rel=0.05)
-
-
-def test_strokes_do_not_tell_the_resonance():
-    unit = Unit.load("axis_a")
-    log = simulate(unit, Scenario(duration=30, duty={"name": "strokes"}, seed=1))
-    outcome = frequency_response([record(log)], unit)
-    assert not any("natural" in t.quantity for t in outcome.told)
-    assert any("hydraulic natural frequency" in sentence for sentence in outcome.not_told)
 
 
 @functools.cache
@@ -205,51 +177,3 @@ def test_what_a_log_does_not_excite_is_said():
     assert "No strokes forward above" in sentences["friction"] and "viscous" in sentences["friction"]
     assert "Load the actuator" in sentences["leakage"]
     assert "Gain forward: fewer than" in sentences["gain"]
-
-
-def test_leakage_over_temperature_follows_the_viscosity():
-    unit = Unit.load("axis_a")
-    duty = {**SPEEDS, "speeds": (60.0, 105.0)}
-    warm = {"oil_temperature": 20.0, "warming": 0.4, "load": {"name": "throttle", "pressure": 2e6}}
-    log = simulate(unit, Scenario(duration=60, duty=duty, control={"mode": "speed"}, seed=1, **warm))
-    rows = leakage([record(log)], unit).rows
-    temperatures, leaks = ([float(row[k].split()[0]) for row in rows] for k in (0, 1))
-    assert len(rows) == 3 and temperatures[2] - temperatures[0] > 8.0
-    assert leaks[0] < leaks[1] < leaks[2]
-
-
-def test_an_orifice_shows_beside_laminar_leakage_and_not_without():
-    unit, duty = Unit.load("axis_a"), {**SPEEDS, "speeds": (60.0, 105.0)}
-
-    def logs(faults: list[dict[str, object]]) -> list[Record]:
-        return [
-            record(simulate(unit, Scenario(
-                duration=30, duty=duty, control={"mode": "speed"}, seed=k, faults=faults,
-                load={"name": "throttle", "pressure": p},
-            )))
-            for k, p in enumerate((0.5e6, 1.2e6, 2.5e6))
-        ]  # fmt: skip
-
-    assert "orifice part" not in told(leakage(logs([]), unit))
-    leaky = told(leakage(logs([{"fault": "internal_leakage", "severity": 1.0}]), unit))
-    assert leaky["orifice part"].low > 0.0
-
-
-def test_a_measured_load_is_taken_off():
-    """A weight would shift forward and reverse friction apart; the load cell says by how much."""
-    unit = Unit.load("axis_a")
-    duty = {**SPEEDS, "speeds": (60.0, 105.0, 200.0)}
-    common = {"duration": 40.0, "duty": duty, "control": {"mode": "speed"}, "seed": 3}
-    free = friction([record(simulate(unit, Scenario(**common)))], unit)
-    weighed = simulate(unit, Scenario(load={"name": "constant", "level": 800.0}, **common))
-    assert np.median(weighed.truth["load_force"]) == pytest.approx(800.0, rel=0.05)
-    columns = {c: weighed.samples[c] for c in weighed.samples.channels}
-    cell = Samples(weighed.samples.time, {**columns, "load_force": weighed.truth["load_force"]})
-    log = even_record(cell, unit, "log")
-    under = friction([log], unit)
-    # A load of the wrong sign would still be there, and be found and removed as an unknown constant.
-    assert "taken off" in under.notes[0] and not any("constant" in note for note in under.notes)
-    for direction in ("forward", "reverse"):
-        a, b = free.curves[direction], under.curves[direction]
-        at = float(a["speed"][-1])
-        assert np.interp(at, b["speed"], b["friction"]) == pytest.approx(float(a["friction"][-1]), abs=30.0)

@@ -3,7 +3,6 @@ profile as if it had been made of all of them."""
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ import yaml
 from made_units import spread_unit, work
 from typer.testing import CliRunner
 
-from fdd import InputError, Samples, Scenario, Unit, identify, read_log
+from fdd import InputError, Samples, Scenario, Unit, identify
 from fdd.cli.app import app
 from fdd.diagnosis.baseline import add_baseline
 from fdd.identification import identify_unit
@@ -49,29 +48,6 @@ def test_it_gives_the_profile_of_the_command_line(log: Path, tmp_path: Path) -> 
     assert unit.baseline is not None and unit.name.startswith("axis_a-")
     unit.save(tmp_path / "again.yaml")
     assert told(Unit.load(tmp_path / "again.yaml")) == told(unit)
-
-
-@pytest.mark.slow
-def test_samples_and_logs_serve_as_well(log: Path) -> None:
-    read = read_log(log)
-    from_log, from_samples = (identify(given, name="rig 7") for given in (read, [read.samples]))
-    assert from_log.pump == from_samples.pump and from_log.baseline == from_samples.baseline
-    assert from_log.name == "rig 7" and from_log.origin is not None
-    assert list(from_log.origin.logs.values()) == ["one.mcap"]
-
-
-def test_what_cannot_be_used_is_refused_in_one_line(log: Path) -> None:
-    """Beside what the command refuses, by the same function (`tests/cli/test_identify_and_demo.py`)."""
-    samples = read_log(log).samples
-    for logs, more, words in (
-        ([], {}, "no healthy log"),
-        ([samples, samples], {}, "give each log once"),
-        (log, {"add": "axis_a"}, "no healthy baseline"),
-        (samples.with_columns({"pump_angle": -samples["pump_angle"]}), {}, "log 1"),
-    ):  # fmt: skip
-        with pytest.raises(InputError) as caught, warnings.catch_warnings():
-            identify(logs, **more)
-        assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.fixture(scope="module")

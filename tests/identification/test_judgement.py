@@ -15,7 +15,7 @@ from fdd.identification.log_scales import check_scales
 from fdd.identification.signs import NEAR
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
-from fdd.samples import PRESSURES, Samples
+from fdd.samples import Samples
 from fdd.sections import Provenance
 from fdd.unit import Unit
 
@@ -81,37 +81,6 @@ def test_a_fault_that_comes_within_a_log_is_named(healthy: list[Samples]) -> Non
     assert "log1 does" in refused([healthy[0], leaking, healthy[2]])
 
 
-@pytest.mark.slow
-def test_a_bias_that_comes_within_a_log_is_a_limit(healthy: list[Samples]) -> None:
-    """Test: a sensor's bias, which shows in the balances alone. Expected: said, as a limit."""
-    bias = {"fault": "pressure_sensor_bias", "severity": 0.6, "onset": 15.0}
-    biased = work(spread_unit(1), 78, duty="steps", load="spring", fault=bias)
-    result = judged([healthy[0], biased, healthy[2]])
-    assert "log1 does not look healthy: pressure sensor bias" in result.sentence
-    assert result.verdict == "usable with limits"
-
-
-@pytest.mark.parametrize(
-    ("factor", "said"),
-    [(1e-5, "bar read as Pa"), (0.1, "times what they should be"), (1e2, "kPa read as bar"), (1e5, "unit")],
-)  # fmt: skip
-def test_pressures_in_another_unit(healthy: list[Samples], factor: float, said: str) -> None:
-    sentence = refused([scaled(log, factor, *PRESSURES) for log in healthy])
-    assert said in sentence and "pressure" in sentence and "unit" in sentence
-
-
-@pytest.mark.parametrize("factor", [1e-2, 10.0])
-def test_the_difference_alone_in_another_unit(healthy: list[Samples], factor: float) -> None:
-    logs = [scaled(only(log, *MINIMAL), factor, "pressure_difference") for log in healthy]
-    assert "pressure" in (line := refused(logs)) and "unit" in line
-
-
-def test_travel_that_no_slip_of_units_explains(healthy: list[Samples]) -> None:
-    """Beyond a factor of three the same check refuses it as for a log to diagnose (`test_log_scales.py`)."""
-    half_more = [scaled(only(log, *MINIMAL), 1.5, "position") for log in healthy]
-    assert "travel per rad of the pump" in refused(half_more)
-
-
 def test_swapped_chambers_and_a_turned_difference(healthy: list[Samples]) -> None:
     channels = ("position", "pump_angle", "pressure_1", "pressure_2")
     swapped = [only(with_swapped_chambers(log), *channels) for log in healthy]
@@ -121,11 +90,6 @@ def test_swapped_chambers_and_a_turned_difference(healthy: list[Samples]) -> Non
         assert "swap pressure_1 and pressure_2" in refused([log])
     # One among right ones, too.
     assert "swap pressure_1 and pressure_2" in refused([healthy[0], swapped[1], *healthy[2:]])
-
-
-def test_oil_in_kelvin(healthy: list[Samples]) -> None:
-    logs = [log.with_columns({"oil_temperature": log["oil_temperature"] + 273.15}) for log in healthy]
-    assert "it looks like K read as degC" in refused(logs)
 
 
 def test_one_log_cannot_tell_a_leak_from_a_leaky_unit() -> None:
@@ -147,15 +111,6 @@ def test_farther_than_manufacturing_leaves_open(healthy: list[Samples]) -> None:
     base = Unit.load("axis_a")
     base.pump.displacement *= 1.6
     assert "travel per rad of the pump is 0.6" in refused(healthy, base)
-
-
-def test_the_next_size_of_pump_is_said_and_not_refused(healthy: list[Samples]) -> None:
-    """Test: a base of the next size of the R10 series. Expected: said; no slip of units explains it."""
-    base = Unit.load("axis_a")
-    base.pump.displacement *= 10**0.1
-    result = judged(healthy, base)
-    assert result.verdict == "usable with limits", result.sentence
-    assert "travel per rad of the pump is 0.799 times" in result.sentence
 
 
 def test_a_throttled_load_is_no_turned_sign() -> None:

@@ -2,6 +2,4 @@
 
 import pytest
 
-pytest.register_assert_rewrite(
-    "fault_case", "fault_checks", "friction_checks", "motor_checks", "sensor_fault_checks", "valve_checks"
-)
+pytest.register_assert_rewrite("fault_case", "fault_checks", "drive_and_seal_checks")

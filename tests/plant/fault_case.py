@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,6 +97,17 @@ class Case:
     def pressed(self, side: int) -> dict[str, Any]:
         """The load that presses on a chamber."""
         return {"load": ConstantLoad(level=600.0 * self.axis * (1.0 if side == 1 else -1.0))}
+
+
+Check = Callable[[Case], None]
+CHECKS: dict[str, Check] = {}
+"""By fault: what severity 1 is by the catalogue's words, measured from runs."""
+
+
+def checked(check: Check) -> Check:
+    """Enter a check under the fault whose name it has."""
+    CHECKS[check.__name__] = check
+    return check
 
 
 def over_time(truth: Truth, values: Array, rows: Array) -> float:

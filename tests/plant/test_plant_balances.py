@@ -5,16 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fdd.campaign.sizes import Scale, Size, sized_unit
 from fdd.plant import state as s
-from fdd.plant.details import Details
 from fdd.plant.faults.injection import PLANT_FAULTS
-from fdd.plant.oil import ATMOSPHERE
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
 from fdd.unit import Unit
-from reports.plant.energies import Energies, FineRun, Fluid, energies, fine_run
+from reports.plant.energies import Energies, FineRun, energies, fine_run
 
 A, B = Unit.load("axis_a"), Unit.load("axis_b")
 WHOLE = Recording.perfect()
@@ -100,28 +97,6 @@ def test_energy_is_kept_by_other_laws(law):
     _balanced(*_everything({"load": THROTTLE, "details": LAWS[law]}, 0.5), 5.0, within)
 
 
-@pytest.mark.parametrize(
-    ("size", "details", "through"),
-    [
-        ({"rated_pressure": [2e6, 4e6], "displacement": [0.2e-6, 0.4e-6]}, {}, 1.0),
-        (
-            {"rated_pressure": [15e6, 20e6], "displacement": [3e-6, 5e-6], "area_ratio": [0.6, 0.7]},
-            {"pilot_ratio": 3.0, "check_lag": 0.01},
-            50.0,
-        ),
-    ],
-)
-def test_energy_is_kept_in_machines_of_other_sizes(size, details, through):
-    """A small one, and a large one with unequal areas, under loads of their size."""
-    unit = sized_unit(Size(**size), np.random.default_rng(4))
-    scale = Scale(unit)
-    whole = Details(**{**scale.details({}), **details})
-    load = {"name": "throttle", "pressure": 2e6 * scale.pressure}
-    duty = {"name": "prbs", "bit": 0.2, "speed": 0.35 * unit.drive.max_speed, "lead_in": 0.05}
-    run = fine_run(unit, _driven(0.5, duty=duty, load=load, details=whole))
-    _balanced(run, energies(run), through)
-
-
 def _balanced(run: FineRun, found: Energies, least: float, within: float = 1e-6) -> None:
     gap, through = found.gap(run)
     assert through > least
@@ -158,17 +133,6 @@ def test_the_fine_run_is_the_simulated_one():
     run, truth = fine_run(A, scenario, refine=4.0), simulate(A, scenario, refine=4.0).truth
     np.testing.assert_allclose(run.states[:, 0, s.X], truth["position"], atol=2e-9)
     np.testing.assert_allclose(run.at(s.P1)[:, 0], truth["pressure_1"], atol=5.0)
-
-
-def test_the_fluids_energy_is_that_of_its_law():
-    """Against closed forms: stiff oil alone, ρ = exp(p/β) and h = β(1 - 1/ρ)."""
-    oil, p = A.oil.model_copy(update={"air_fraction": 0.0}), np.array([-5e4, 3e5, 4e6])
-    fluid = Fluid(oil, np.zeros(3), np.zeros(3), np.zeros(3), ATMOSPHERE)
-    density = np.exp(p / oil.bulk_modulus)
-    np.testing.assert_allclose(fluid.density(p), density, rtol=1e-12)
-    np.testing.assert_allclose(fluid.enthalpy(p), oil.bulk_modulus * (1.0 - 1.0 / density), rtol=1e-9)
-    # Elastic energy p²/(2β) of a cubic metre, to first order.
-    np.testing.assert_allclose(fluid.inner(p), p**2 / (2.0 * oil.bulk_modulus), rtol=0.03)
 
 
 def _drift(mass: np.ndarray) -> float:

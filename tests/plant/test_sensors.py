@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from fdd.errors import InputError
-from fdd.plant.load import ConstantLoad
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.sensors import ChannelSensor, Recorder, range_of
 from fdd.plant.sensors.recorder import MEASURED
@@ -165,26 +163,3 @@ def test_a_late_row_shows_the_plant_at_its_own_stamp():
     assert not np.array_equal(a["pump_angle"], b["pump_angle"])
     between = np.interp(b.time, a.time, a["pump_angle"])[:-1]
     np.testing.assert_allclose(b["pump_angle"][:-1], between, atol=5e-3)
-
-
-def test_the_load_is_measured_only_when_asked():
-    scenario = Scenario(duration=0.5, load=ConstantLoad(level=700.0), recording=Recording(load_force=True))
-    assert np.nanmedian(simulate(UNIT, scenario).samples["load_force"]) == pytest.approx(700.0)
-    assert "load_force" not in simulate(UNIT, Scenario(duration=0.5)).samples
-
-
-def test_a_truth_without_a_measured_channel_is_refused():
-    with pytest.raises(InputError, match="lacks position, pressure_difference"):
-        Recorder(UNIT, [], Recording(), 1).measure({"pump_angle": TIME}, TIME)
-
-
-def test_axes_of_one_scenario_have_noise_of_their_own_and_lose_the_same_rows():
-    truth = {c: np.zeros(4000) for c in MEASURED}
-    recording = Recording(dropped=0.1, nan_bursts_per_minute=0.0, jitter=1e-6)
-    one, other = (
-        Recorder(UNIT, [], recording, 7, stream).measure(truth, TIME[:4000]) for stream in ("", " axis_b")
-    )
-    noise = np.corrcoef(one.columns["pressure_1"], other.columns["pressure_1"])[0, 1]
-    assert abs(noise) < 0.06
-    np.testing.assert_array_equal(one.kept, other.kept)
-    np.testing.assert_array_equal(one.time, other.time)

@@ -105,65 +105,24 @@ def test_it_says_the_same_however_the_rows_were_cut(monkeypatch) -> None:
         assert np.isfinite(mine["leakage"][[1, 2]]).all()
 
 
-def recorded(monkeypatch: pytest.MonkeyPatch, **more: Any) -> tuple[AddedTracker, list[Recorder]]:
+def test_one_that_fails_ends_alone_and_says_when(monkeypatch) -> None:
     made: list[Recorder] = []
 
     def make(unit: Unit, channels: tuple[str, ...], period: float) -> Tracker:
         assert (unit, period) == (UNIT, BIN_S)
         assert channels == ("pump_speed", "position", "pressure_difference")
-        made.append(Recorder(more.get("fails_at", -1)))
-        return Tracker(
-            made[-1], ("position", "pressure_difference"),
-            {"bulk_modulus": lambda x: 1e8 * x[0] ** 2}, ("pump_speed",), more.get("start"),
-        )  # fmt: skip
+        made.append(Recorder(31))
+        quantities = {"bulk_modulus": lambda x: 1e8 * x[0] ** 2}
+        return Tracker(made[-1], ("position", "pressure_difference"), quantities, ("pump_speed",))
 
-    return running(monkeypatch, make), made
-
-
-def test_it_is_given_inputs_and_measurements_and_none_where_one_is_missing(monkeypatch) -> None:
-    started: list[Any] = []
-    tracker, made = recorded(monkeypatch, start=lambda u, z: started.append((u.copy(), z.copy())))
-    rows = rows_of(1)
-    rows[0, COLUMNS["position"]] = np.nan  # not yet: it starts with all of them
-    rows[7, COLUMNS["pressure_difference"]] = np.nan
-    rows[9, COLUMNS["pump_speed"]] = np.nan  # goes on with the last one
-    tracker.push(0, rows)
-    names = ["position", "pressure_difference"]
-    z = rows[:, [COLUMNS[n] for n in names]]
-    assert len(started) == 1
-    np.testing.assert_array_equal(started[0][1], z[1])
-    (filter_,) = made
-    assert len(filter_.measured) == FRAME_BINS - 1
-    assert [k for k, given in enumerate(filter_.measured, start=1) if given is None] == [7]
-    np.testing.assert_array_equal(filter_.measured[0], z[1])
-    speed = rows[:, COLUMNS["pump_speed"]]
-    assert filter_.inputs[8] == speed[8] and filter_.inputs[7] == speed[8]
-
-
-def test_standard_deviations_follow_from_the_covariance(monkeypatch) -> None:
-    tracker, _ = recorded(monkeypatch)
-    tracker.push(0, rows_of(1))
-    value, std = tracker.last()["bulk_modulus"]
-    assert (value, std) == (pytest.approx(9e8), pytest.approx(1e8 * 2.0 * 3.0 * 2.0))
-
-
-def test_after_a_pause_it_begins_anew(monkeypatch) -> None:
-    tracker, made = recorded(monkeypatch)
-    tracker.push(0, rows_of(2))
-    tracker.push(2, rows_of(1))
-    assert len(made) == 1
-    tracker.push(100, rows_of(1))
-    assert len(made) == 2
-
-
-def test_one_that_fails_ends_alone_and_says_when(monkeypatch) -> None:
-    tracker, made = recorded(monkeypatch, fails_at=31)
+    tracker = running(monkeypatch, make)
     tracker.push(0, rows_of(2))
     tracker.push(2, rows_of(1))
     assert tracker.problem == (
         "tracker own (made-up 1.0) stopped at 0.30 s (ArithmeticError: its state is no longer finite)"
     )
     assert tracker.last() == {} and len(made[0].measured) == 31
+    np.testing.assert_array_equal(np.ravel(made[0].inputs), rows_of(2)[:31, COLUMNS["pump_speed"]])
     values, _ = tracker.over(np.array([0.1, 0.5]))
     assert np.isfinite(values["bulk_modulus"]).tolist() == [True, False]
 
@@ -177,7 +136,6 @@ def gives(measurements: tuple[str, ...], quantities: dict[str, Any]) -> Any:
     [
         (lambda unit, channels, period: None, "package made-up 1.0: fdd.trackers 'own': made a NoneType"),
         (lambda unit: None, "package made-up 1.0: fdd.trackers 'own': cannot be made (TypeError"),
-        (gives(("position",), {"wear": float}), "package made-up 1.0: fdd.trackers 'own': tells wear, not"),
         (
             gives(("pressure_1",), {"leakage": float}),
             "tracker own: needs pressure_1, which this log does not",

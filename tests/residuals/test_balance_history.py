@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from fdd.residuals.balance_history import BalanceHistory
-from fdd.residuals.balances import BALANCES, RegressionBlock
-from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, TAIL_BINS
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import FRAME_BINS, FRAME_S, TAIL_BINS
 from fdd.residuals.effects import Effects, first_effects
-from fdd.residuals.normal_equations import NormalEquations, marginalised
+from fdd.residuals.normal_equations import NormalEquations
 from fdd.unit import Baseline, Unit
 
 Array = NDArray[np.float64]
@@ -94,10 +93,10 @@ def test_what_came_since_a_fault_is_no_reference() -> None:
     assert min(history.frames) >= 200 and history.folded > onset
 
 
-def told_of(frames: int, *, baseline: bool = True) -> BalanceHistory:
+def told_of(frames: int) -> BalanceHistory:
     """Frames from the eleventh on, each of rows about other coefficients than the unit's."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(13)
-    unit.baseline = Baseline(version="", seconds=1.0, balances={}) if baseline else None
+    unit.baseline = Baseline(version="", seconds=1.0, balances={})
     history = BalanceHistory(unit, {name: first_effects(name) for name in BALANCES})
     history.frames, history.last, history.taken = list(range(10, 10 + frames)), 9 + frames, frames
     history.surroundings = [[0.0, 0.0, 0.0]] * frames
@@ -107,18 +106,6 @@ def told_of(frames: int, *, baseline: bool = True) -> BalanceHistory:
             b = e.mean + np.sqrt(np.diag(e.covariance)) * rng.normal(size=e.mean.size)
             history.equations[name].append(NormalEquations(x.T @ x, x.T @ x @ b, 30.0, 1.0))
     return history
-
-
-def learnt(history: BalanceHistory, frames: Sequence[int], name: str) -> tuple[Array, Array]:
-    """Mean and covariance of the unit's own prior and some frames, by one batch."""
-    e = history.effects[name]
-    information, vector = np.linalg.inv(e.covariance), np.linalg.solve(e.covariance, e.mean)
-    for frame in frames:
-        m, v = history.equations[name][frame - 10][:2]
-        wide, kept = marginalised(m, v, e.wander)
-        information, vector = information + wide, vector + kept
-    covariance = np.linalg.inv(information)
-    return covariance @ vector, covariance + np.diag(e.within**2)
 
 
 def test_after_a_stop_a_unit_is_held_against_its_baseline_again() -> None:
@@ -134,35 +121,6 @@ def test_after_a_stop_a_unit_is_held_against_its_baseline_again() -> None:
         np.testing.assert_allclose(kept[name][0], total, err_msg="its life has them all, whatever stood")
 
 
-def test_a_unit_of_which_nothing_else_is_known_is_held_against_its_healthy_frames() -> None:
-    history = told_of(20, baseline=False)
-    history.folded = 7
-    healthy = [h for h in range(10, 30) if not 6.0 <= h * FRAME_S < 9.0]
-    expected = {name: learnt(history, healthy, name) for name in BALANCES}
-    history.begin_anew([(6.0, 9.0)], 10)
-    assert history.frames == [] and history.folded == 7 and history.taken == 20
-    for name, (mean, covariance) in expected.items():
-        found = history.reference[name]
-        np.testing.assert_allclose(found.mean, mean, rtol=1e-6, atol=1e-9, err_msg=name)
-        np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-12, err_msg=name)
-
-
-def test_a_fault_that_stands_is_held_against_what_came_before_it_after_a_stop_too() -> None:
-    history = told_of(33)
-    history.begin_anew([(1.0, 2.0), (8.0, np.inf)], 10)
-    assert history.frames == list(range(10, 43)) and history.taken == 40
-    assert history.reference is history.effects
-
-
-def test_a_stop_is_ten_minutes_or_more_without_a_frame() -> None:
-    history = told_of(5)
-    assert history.last == 14
-    assert not history.stopped(14 + round(600.0 / FRAME_S)) and history.stopped(15 + round(600.0 / FRAME_S))
-    assert not BalanceHistory(history.unit, history.effects).stopped(5000), (
-        "nothing came before the first frame"
-    )
-
-
 def test_a_stretch_that_is_forgotten_leaves_the_other_frames_as_they_were() -> None:
     history, whole = told_of(12), told_of(12)
     history.marginalised()
@@ -172,25 +130,6 @@ def test_a_stretch_that_is_forgotten_leaves_the_other_frames_as_they_were() -> N
     for name, parts in history.marginalised().items():
         for one, other in zip(parts, whole.marginalised()[name], strict=True):
             np.testing.assert_array_equal(one, other[keep])
-
-
-def test_a_frames_misfit_is_how_many_usual_changes_it_is_off() -> None:
-    """Known sharply: the root mean square of its coefficients' own distances; known badly: next to none."""
-    history = told_of(1)
-    for name, e in history.effects.items():
-        usual = np.hypot(e.wander, np.sqrt(np.diag(e.covariance)))
-        signs = np.where(np.arange(e.mean.size) % 2, 1.0, -1.0)
-        off = e.mean + 3.0 * usual * signs
-        sharp, blurred = (np.diag(k / usual**2) for k in (1e6, 1e-3))
-        told = [
-            NormalEquations(sharp, sharp @ off, 30.0, 1.0),
-            NormalEquations(sharp, sharp @ e.mean, 30.0, 1.0),
-            NormalEquations(blurred, blurred @ off, 30.0, 1.0),
-            NormalEquations(sharp, sharp @ off, 0.0, 1.0),
-        ]
-        far, near, unknown, nothing = history._misfit(name, told)
-        assert far == pytest.approx(3.0, rel=1e-3), name
-        assert near == pytest.approx(0.0, abs=1e-6) and unknown < 0.1 and np.isnan(nothing)
 
 
 @pytest.mark.parametrize("sharpness", [1e-2, 1.0, 1e4])
@@ -210,42 +149,6 @@ def test_a_healthy_frames_misfit_is_about_one(sharpness: float, overdispersion: 
     assert np.mean(np.square(history._misfit("reservoir", frames))) == pytest.approx(1.0, abs=0.12)
 
 
-def test_misfits_are_told_at_the_ends_of_frames() -> None:
-    unit = Unit.load("axis_a")
-    rows = np.full((3 * FRAME_BINS, len(COLUMNS)), np.nan)
-    history = BalanceHistory(unit, {name: first_effects(name) for name in BALANCES})
-    assert [len(x) for x in history.misfits()] == [0, 0, 0]
-    history.push(40, rows)
-    ends, names, values = history.misfits()
-    np.testing.assert_allclose(ends, [20.5, 21.0, 21.5])
-    assert names == [] and values.shape == (3, 0), "no balance said anything"
-
-
-def test_state_goes_on_with_the_same_frames() -> None:
-    """Every part of an regression that a later frame depends on is in the state."""
-    unit, rng = Unit.load("axis_a"), np.random.default_rng(11)
-    effects: dict[str, Effects] = {name: first_effects(name) for name in BALANCES}
-    one, other = BalanceHistory(unit, effects), BalanceHistory(unit, effects)
-
-    def feed(history: BalanceHistory, seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        for name, balance in BALANCES.items():
-            for _ in range(4):
-                y, x = rng.normal(size=ROWS), rng.normal(size=(ROWS, _design(name)))
-                frame = RegressionBlock(y, x, np.ones(ROWS, dtype=bool))
-                history.equations[name] += history.regressions[name].equations([frame])
-            assert balance.name == name
-        history.frames += [len(history.frames) + k for k in range(4)]
-
-    feed(one, int(rng.integers(1000)))
-    other.restore(one.state())
-    feed(one, 99)
-    feed(other, 99)
-    for name in BALANCES:
-        for a, b in zip(one.sums()[name], other.sums()[name], strict=True):
-            np.testing.assert_array_equal(a, b, err_msg=name)
-
-
 def test_a_reference_that_older_frames_made_goes_on_with_the_state() -> None:
     one, other = told_of(40), told_of(0)
     one.fold(20)
@@ -257,7 +160,3 @@ def test_a_reference_that_older_frames_made_goes_on_with_the_state() -> None:
         assert (e.mean != one.effects[name].mean).any(), name
         for a, b in zip(one.marginalised()[name], other.marginalised()[name], strict=True):
             np.testing.assert_array_equal(a, b)
-
-
-def _design(name: str) -> int:
-    return 8 if name == "shaft" else len(BALANCES[name].columns)

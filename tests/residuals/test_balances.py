@@ -15,7 +15,7 @@ from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES, LAG_S
-from fdd.residuals.bins import BIN_S, COLUMNS, FRAME_BINS, BinMaker
+from fdd.residuals.bins import COLUMNS, FRAME_BINS, BinMaker
 from fdd.residuals.oil import stiff_compliance
 from fdd.residuals.quantities import Quantities, Scales, settled
 from fdd.samples import Samples
@@ -62,20 +62,6 @@ def test_oil_is_as_stiff_as_the_profile_says(unit: Unit) -> None:
 
 def test_leakage_is_the_profiles(unit: Unit) -> None:
     assert coefficient(unit, "volume", "leak") == pytest.approx(1.0, abs=0.15)
-
-
-def test_all_leaks_together_are_the_units(unit: Unit) -> None:
-    """At the pressure that the loads make; columns that are alike there share it."""
-    scales = Scales.of(unit)
-    drop = 1000.0 / (0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2))
-    pressure = drop + unit.accumulator.charge_pressure
-    c = {name: coefficient(unit, "volume", name) for name in BALANCES["volume"].columns}
-    for side, relief in ((1, "relief_12"), (2, "relief_21")):
-        flow = scales.leakage * (c["leak"] + c["leak_square"] * drop / scales.pressure + c["case"]) * drop
-        flow += scales.orifice * (c[relief] + c[f"valve_{side}"]) * np.sqrt(drop)
-        flow += scales.leakage * c[f"outside_{side}"] * pressure
-        true = (unit.pump.cross_port_leakage + unit.pump.case_leakage) * drop
-        assert flow == pytest.approx(true, rel=0.3), side
 
 
 def test_the_shafts_torque_is_the_drives(unit: Unit) -> None:
@@ -149,21 +135,6 @@ def test_what_a_pump_compresses_is_found(filled: float) -> None:
     assert abs(found[columns.index("density")] - 1.0) < 0.2
 
 
-def test_a_leak_is_in_the_leaks_column(unit: Unit) -> None:
-    """Twice the leakage across the ports: its coefficient doubles and the oil stays as stiff."""
-    more = unit.model_copy(deep=True)
-    more.pump.cross_port_leakage *= 2.0
-    found = {}
-    for name, leaking in (("healthy", unit), ("leaking", more)):
-        scenario = Scenario(duration=30.0, load={"name": "spring"}, seed=71)
-        history = history_of(simulate(leaking, scenario).samples, unit, effects_of(unit))
-        found[name] = dict(zip(BALANCES["volume"].columns, coefficients(history, "volume")[0], strict=True))
-    extra = unit.pump.cross_port_leakage / Scales.of(unit).leakage
-    added = sum(found["leaking"][c] - found["healthy"][c] for c in ("leak", "case"))
-    assert added == pytest.approx(extra, rel=0.3)
-    assert found["leaking"]["compliance"] == pytest.approx(found["healthy"]["compliance"], abs=0.1)
-
-
 def test_a_starved_pump_tells_nothing_of_its_chambers(unit: Unit, logs: list[Samples]) -> None:
     """It no longer displaces what it turns: chambers are judged only with their pump full."""
     rows = BinMaker(unit).push(logs[0])[1]
@@ -174,23 +145,6 @@ def test_a_starved_pump_tells_nothing_of_its_chambers(unit: Unit, logs: list[Sam
         rows[:, COLUMNS[name]] = -5e4
     starved = Quantities(rows, unit, Scales.of(unit))
     assert not any(s.valid.any() for s in BALANCES["volume"].blocks(starved))
-
-
-def test_what_a_relief_valve_passes_leaves_the_higher_chamber(unit: Unit) -> None:
-    """Without a load a gross one keeps both chambers above the accumulator: neither is refed."""
-    fault = {"fault": "relief_valve_stuck_open", "severity": 0.9}
-    scenario = Scenario(duration=30.0, load={"name": "none"}, faults=[fault], seed=72)
-    samples = simulate(unit, scenario).samples
-    q = Quantities(BinMaker(unit).push(samples)[1], unit, Scales.of(unit))
-    low = np.minimum(q.p1, q.p2) > q.accumulator + 1e4
-    assert low.mean() > 0.2, "else this shows nothing"
-    for y, x, ok, _ in BALANCES["volume"].blocks(q):
-        taken = ok & low & np.isfinite(x).all(axis=1) & np.isfinite(y)
-        flow = x[taken][:, [BALANCES["volume"].columns.index(c) for c in ("relief_12", "relief_21")]]
-        assert (flow.sum(axis=1) >= 0.0).mean() > 0.95, "the lower one's valve may be open: it is not asked"
-        flow = flow[:, flow.any(axis=0)]
-        size = np.linalg.lstsq(np.cumsum(flow, axis=0), np.cumsum(y[taken]), rcond=None)[0]
-        np.testing.assert_allclose(size, 0.9, rtol=0.2)
 
 
 @pytest.mark.parametrize(("load", "shut"), [("none", 1.0), ("constant", 0.0)])
@@ -211,38 +165,6 @@ def test_the_case_lies_amid_the_ports_until_its_valve_opens(load: str, shut: flo
     )
     assert np.mean(true < level + 1.9e5) == pytest.approx(shut, abs=0.1)
     assert np.sqrt(np.mean(np.square(found[late] - true))) < 3e3
-
-
-@pytest.mark.parametrize("ratio", [1.0, 0.8])
-def test_a_rod_on_both_sides_asks_no_oil_of_the_reservoir(
-    unit: Unit, logs: list[Samples], ratio: float
-) -> None:
-    """With one rod whichever chamber is low is fed while the piston extends, and not while it retracts."""
-    other = unit.model_copy(deep=True)
-    other.cylinder.area_2 = ratio * other.cylinder.area_1
-    q = Quantities(BinMaker(other).push(logs[0])[1], other, Scales.of(other))
-    columns = [BALANCES["refeed"].columns.index(c) for c in ("flow_1", "flow_2")]
-    out, back = q.velocity > 1e-3, q.velocity < -1e-3
-    for side, (_, x, _, _) in enumerate(BALANCES["refeed"].blocks(q)):
-        flow = x[:, columns[side]]
-        assert not np.nan_to_num(x[:, columns[1 - side]]).any() and not flow[back].any()
-        assert (flow[out] > 0.0).all() if ratio < 1.0 else not flow[out].any()
-        assert (flow[np.isfinite(q.velocity)] < 1.0).all(), "less than the pump's all"
-
-
-def test_what_leaks_outside_is_gas_that_grows(unit: Unit, logs: list[Samples]) -> None:
-    """The reservoir gives what leaves: in a row, so much of the gas's volume, by the chamber's pressure."""
-    q = Quantities(BinMaker(unit).push(logs[0])[1], unit, Scales.of(unit))
-    [(_, x, _, _)] = BALANCES["reservoir"].blocks(q)
-    lost = {1: q.p1, 2: q.p2}
-    for side, pressure in lost.items():
-        conductance = 0.5 * Scales.of(unit).fault_leakage  # m³/(s·Pa) at a coefficient of one
-        volume = np.nancumsum(conductance * pressure * BIN_S)
-        told = np.nancumsum(x[:, BALANCES["reservoir"].columns.index(f"outside_{side}")])
-        assert told[-1] == pytest.approx(volume[-1] / unit.accumulator.gas_volume, rel=0.01)
-    drift = np.nancumsum(x[:, BALANCES["reservoir"].columns.index("drift")])
-    volume = conductance * 0.5 * unit.accumulator.relief_pressure * BIN_S * np.isfinite(q.p1).sum()
-    assert drift[-1] == pytest.approx(volume / unit.accumulator.gas_volume, rel=0.01)
 
 
 def test_a_chamber_whose_line_loses_pressure_is_not_taken_for_closed() -> None:

@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 UNIT = Unit.load("axis_a")
 RATE_HZ = 1000
 SECONDS = 3.2
-EVERY = tuple(c for c in FAST if c != "pressure_difference")
 
 
 def moving(seconds: float = SECONDS, seed: int = 3) -> Samples:
@@ -95,14 +94,6 @@ def test_a_sensors_zero_and_gain_are_taken_out() -> None:
 def test_any_cut_gives_the_same_rows(cuts: list[int]) -> None:
     samples = moving()
     np.testing.assert_array_equal(bins_of(samples, cuts), bins_of(samples))
-
-
-@settings(max_examples=15)
-@given(cuts=st.lists(st.integers(1, int(SECONDS * RATE_HZ) - 1), max_size=4))
-def test_any_cut_gives_the_same_rows_without_a_speed_sensor(cuts: list[int]) -> None:
-    samples = moving()
-    bare = Samples(samples.time, {c: samples[c] for c in samples.channels if c != "pump_speed"})
-    np.testing.assert_array_equal(bins_of(bare, cuts), bins_of(bare))
 
 
 @settings(max_examples=20)
@@ -200,23 +191,6 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
     assert slides.any()
     sign = np.sign(films)[slides]
     assert (np.sign(forces)[slides] == sign).mean() > 0.95, "friction acts against the motion"
-
-
-def test_state_goes_on_in_mid_frame() -> None:
-    samples = moving()
-    whole = bins_of(samples)
-    first = BinMaker(UNIT)
-    parts = [first.push(samples.rows(0, 1_234))[1]]
-    second = BinMaker(UNIT)
-    second.restore({k: v.copy() for k, v in first.state().items()})
-    parts += [second.push(samples.rows(1_234, len(samples)))[1], second.push(None)[1]]
-    np.testing.assert_array_equal(np.concatenate(parts), whole)
-
-
-def test_no_sample_no_row() -> None:
-    maker = BinMaker(UNIT)
-    assert len(maker.push(None)[1]) == 0
-    assert len(maker.push(moving().rows(0, 100))[1]) == 0
 
 
 @pytest.mark.parametrize(("rate", "band_hz"), [(1000, None), (200, None), (1000, 150.0), (500, 150.0)])

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
-import pytest
 
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S
@@ -52,16 +49,6 @@ def test_a_stop_ends_an_epoch_of_two_minutes_in_motion_or_more() -> None:
     assert epochs.completed == 1, "a stop alone is no epoch"
 
 
-def test_an_hour_in_motion_is_an_epoch() -> None:
-    epochs = Epochs()
-    for minute in range(59):
-        minutes(epochs, minute, 1, {})
-    assert len(epochs) == 0
-    minutes(epochs, 59, 1, {})
-    minutes(epochs, 60, 1, {})
-    assert len(epochs) == 1 and epochs.starts().tolist() == [0.0]
-
-
 def hours(*starts: int) -> Epochs:
     epochs = Epochs()
     for start in starts:
@@ -82,31 +69,6 @@ def test_epochs_that_began_while_a_fault_stood_are_forgotten() -> None:
     assert len(epochs) == 0
     epochs.stop()
     assert epochs.starts().tolist() == [18_000.0], "what is not complete yet was not looked at"
-
-
-def test_a_balance_that_an_epoch_tells_nothing_of_is_nothing_there() -> None:
-    found = hours(1, 2, 3).marginalised(EFFECTS)
-    assert found.keys() == {"refeed", "torque"}
-    information, vector = found["torque"]
-    assert len(information) == len(vector) == 3
-    assert not information[:2].any() and not vector[:2].any() and information[2].any()
-
-
-@pytest.mark.parametrize("at", [0, 1, 4])
-def test_its_state_goes_on_with_the_same_epochs(at: int) -> None:
-    """In the middle of an epoch too."""
-    one = hours(*range(at))
-    minutes(one, 60 * at, 7, told(20, "shaft"))
-    state = {k: np.array(json.loads(json.dumps(v.tolist()))) for k, v in one.state().items()}
-    other = Epochs()
-    other.restore(state)
-    for epochs in (one, other):
-        minutes(epochs, 60 * at + 7, 53, told(21, "shaft", "refeed"))
-        minutes(epochs, 60 * at + 60, 1, told(22, "torque"))
-    assert other.completed == one.completed == at + 1
-    assert one.state().keys() == other.state().keys()
-    for name, value in one.state().items():
-        np.testing.assert_array_equal(other.state()[name], value, err_msg=name)
 
 
 def test_beyond_sixteen_of_one_length_the_two_oldest_become_one_of_twice_it() -> None:

@@ -91,21 +91,6 @@ def test_a_single_rods_accumulator_follows_the_rod() -> None:
     assert np.all((lowest >= tank - crack - 1.0) & (lowest <= tank + unit.accumulator.case_cracking_pressure))
 
 
-@pytest.mark.parametrize("cut", [1, 7, 120, 299])
-def test_blocks_give_what_the_whole_gives(cut: int) -> None:
-    unit, rng = Unit.load("axis_a"), np.random.default_rng(5)
-    difference = np.cumsum(rng.normal(0.0, 5e4, 300))
-    difference[rng.random(300) < 0.1] = np.nan
-    position = 0.02 * np.sin(np.linspace(0.0, 5.0, 300))
-    whole, _ = chambers_from_difference(difference, position, 0.01, unit, unknown(difference))
-    state = np.array([np.nan, 0.0, np.nan])
-    parts = [
-        chambers_from_difference(d, x, 0.01, unit, unknown(d), state=state)[0]
-        for d, x in zip(np.split(difference, [cut]), np.split(position, [cut]), strict=True)
-    ]
-    np.testing.assert_array_equal(np.concatenate(parts), whole)
-
-
 def test_noise_lifts_nothing() -> None:
     """Peaks of a noisy sensor would lift the mean by their height for as long as the drain takes."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(6)

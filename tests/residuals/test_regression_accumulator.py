@@ -37,23 +37,6 @@ def test_marginalised_is_the_textbook_form_where_the_information_is_regular(n: i
     )
 
 
-def test_marginalised_integrates_the_difference_out() -> None:
-    """The log-likelihood, with the difference integrated out by quadrature, is the parabola that it gives."""
-    m, vector, std = np.array([[3.0, 1.0], [1.0, 2.0]]), np.array([1.5, -0.7]), np.array([0.6, 0.9])
-    wide, kept = marginalised(m, vector, std)
-    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
-    d = np.stack(np.meshgrid(nodes * std[0], nodes * std[1], indexing="ij"), axis=-1).reshape(-1, 2)
-    w = np.outer(weights, weights).ravel()
-
-    def integrated(c: Array) -> float:
-        b = c + d
-        return float(np.log(w @ np.exp(b @ vector - 0.5 * np.einsum("ki,ij,kj->k", b, m, b))))
-
-    for c in np.random.default_rng(1).uniform(-1.0, 1.0, (20, 2)):
-        parabola = kept @ c - 0.5 * c @ wide @ c
-        assert integrated(c) - integrated(np.zeros(2)) == pytest.approx(parabola, abs=1e-8)
-
-
 def test_marginalised_of_what_tells_nothing_tells_nothing() -> None:
     column = np.array([1.0, -2.0, 0.5])
     wide, kept = marginalised(np.outer(column, column), 3.0 * column, np.array([1e-3, 10.0, 1.0]))
@@ -183,53 +166,3 @@ def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share:
     found, drawn = (least_squares(m[np.ix_(pair, pair)], v[pair]) for m, v in (sums[True], sums[False]))
     np.testing.assert_allclose(found, [0.9, 0.4], atol=0.06)
     assert np.abs(drawn - [0.9, 0.4]).max() > 0.02 + 0.2 * share, "else this shows nothing"
-
-
-@pytest.mark.parametrize("name", ["volume", "coherence", "shaft"])
-def test_a_noise_that_grows_is_known_after_twenty_seconds(name: str) -> None:
-    """Ten seconds of memory: two of them later nine tenths of the change are in."""
-    balance, rng = BALANCES[name], np.random.default_rng(13)
-    regression, said = RegressionAccumulator(balance, first_effects(name)), []
-    k = np.arange(ROWS)
-    turned = [turn(order * (0.8 * k + 40.0 * rng.uniform())) for order in ORDERS for turn in (np.cos, np.sin)]
-    for frame in range(400):
-        _, x, _ = of_frame(rng, len(balance.columns))
-        if name == "shaft":
-            x = np.column_stack([*turned, np.ones(ROWS), *rng.normal(size=(3, ROWS))])
-        y = (0.1 if frame < 200 else 0.3) * rng.normal(size=ROWS)
-        y = np.diff(y, prepend=0.0) if balance.cumulative else y
-        regression.equations([RegressionBlock(y, x, np.ones(ROWS, dtype=bool))])
-        said.append(regression.variance_sum / regression.weight)
-    before, after, later = said[199], said[240], said[399]
-    assert later == pytest.approx(9.0 * before, rel=0.3)
-    assert 0.8 * (later - before) < after - before
-
-
-def test_too_few_rows_say_nothing() -> None:
-    balance, rng = BALANCES["coherence"], np.random.default_rng(8)
-    y, x, ok = of_frame(rng, len(balance.columns))
-    ok[:] = False
-    ok[-5:] = True
-    regression = RegressionAccumulator(balance, first_effects("coherence"))
-    [(information, vector, rows, variance)] = regression.equations([RegressionBlock(y, x, ok)])
-    assert rows == 0.0 and not information.any() and not vector.any() and variance > 0.0
-
-
-@pytest.mark.parametrize(("rho", "worth"), [(0.0, 1.0), (0.5, 3.0), (0.8, 9.0)])
-def test_rows_that_hang_together_are_worth_fewer(rho: float, worth: float) -> None:
-    """A mean of n errors of a first-order autoregression varies by (1 + rho) / (1 - rho) of σ² / n."""
-    rng, regression = (
-        np.random.default_rng(14),
-        RegressionAccumulator(BALANCES["force"], first_effects("force")),
-    )
-    n, sigma, found = regression.size, 40.0, []
-    for _ in range(60):
-        error = np.zeros(FRAME_BINS)
-        for k in range(FRAME_BINS):
-            before = error[k - 1] if k else rng.normal() * sigma
-            error[k] = rho * before + np.sqrt(1.0 - rho**2) * sigma * rng.normal()
-        x = rng.normal(size=(FRAME_BINS, n))
-        found.append(regression._coloured(np.column_stack([x, 100.0 * x.sum(axis=1) + error])))
-    assert np.median(found[20:]) == pytest.approx(worth * sigma**2, rel=0.2)
-    assert len(regression.recent) == 20, "ten seconds of them"
-    assert regression._coloured(np.zeros((FRAME_BINS, n + 1))) >= regression.least > 0.0

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from estimators.eha.noise import Noise
-from fdd.errors import InputError
 from fdd.residuals.tracking import gain_spread, noise_of
 from fdd.unit import Unit
 
@@ -19,12 +18,6 @@ def test_noise_that_a_profile_sets_goes_before_what_is_argued() -> None:
     assert noise_of(plain).flow == Noise().flow
     assert noise_of(own).flow == noise_of(again).flow == pytest.approx(3.0e-7)
     assert noise_of(own).leakage == noise_of(plain).leakage
-
-
-@pytest.mark.parametrize("text", ["{flow: -1}", "{flow: {value: 1, unit: Pa}}", "{leakage: 0.1}"])
-def test_a_wrong_section_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="estimation"):
-        Unit.from_yaml(Unit.load("axis_a").to_yaml() + f"estimation: {text}\n")
 
 
 def test_what_a_count_rounds_to_is_noise_of_its_own() -> None:

@@ -30,20 +30,6 @@ oils = st.builds(
 )  # fmt: skip
 
 
-@given(oils)
-def test_passes_through_both_points(oil: Oil) -> None:
-    found = viscosity_ratio(oil, [40.0, 100.0, oil.reference_temperature])
-    assert found[1] / found[0] == pytest.approx(oil.viscosity_100 / oil.viscosity_40, rel=1e-9)
-    assert found[2] == pytest.approx(1.0, rel=1e-12)
-
-
-@given(oils)
-def test_falls_with_temperature(oil: Oil) -> None:
-    found = viscosity_ratio(oil, np.linspace(-40.0, 200.0, 100))
-    assert (np.diff(found) < 0.0).all()
-    assert (found > 0.0).all()
-
-
 @given(oils, st.floats(-20.0, 120.0))
 def test_is_a_straight_line_in_walthers_coordinates(oil: Oil, celsius: float) -> None:
     at_reference = viscosity(oil, oil.reference_temperature)
@@ -60,11 +46,6 @@ def test_agrees_with_the_plants_own_law() -> None:
     np.testing.assert_allclose(
         viscosity_ratio(oil, celsius), viscosity(oil, celsius) / viscosity(oil, 40.0), rtol=1e-9
     )
-
-
-def test_missing_temperature_stays_missing() -> None:
-    found = viscosity_ratio(Unit.load("axis_a").oil, [np.nan, 40.0])
-    assert np.isnan(found[0]) and found[1] == pytest.approx(1.0)
 
 
 def test_absurd_temperatures_stay_finite() -> None:

@@ -1,0 +1,158 @@
+"""Steps are short enough, blocks change no bit, and whatever the rig allows stays within physics."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from fdd.plant import state as s
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import raw_blocks, simulate, stream
+from fdd.unit import Unit
+from reports.plant import wild as robustness
+from reports.plant.cases import Case, Cases
+from reports.plant.numerics import against_half_steps, against_radau
+from reports.plant.wild import draw_wild, try_wild
+
+CASES = {case.name: case for case in Cases().numerics}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
+    """The numerics alone, without the encoder's steps in the loop; `python -m reports plant` runs longer."""
+    difference = against_half_steps(CASES[name].without_encoder_steps(), 4.0)
+    assert set(difference.rms) >= {"position", "pressure_difference", "pump_speed", "motor_current"}
+    assert difference.worst < 0.1
+    assert difference.rms["pressure_difference"] < 1e-3
+    # Far finer than noise: 65536 counts a turn, and nothing brings the angle back.
+    assert difference.rms["pump_angle"] < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "duration"),
+    [
+        ("prbs, stiffest bristles", 0.25),
+        ("prbs of speed, coupling and check valve", 0.25),
+        ("flight, gust, aeration", 0.25),
+    ],
+)
+def test_radau_agrees_within_a_tenth_of_the_sensors(name, duration):
+    """SciPy's implicit solver on the same right-hand side and commands, tolerance 1e-10."""
+    case = CASES[name]
+    states, _ = case.states(duration)
+    assert np.ptp(states[:, s.X]) > 1e-4
+    difference = against_radau(case, duration)
+    assert difference.worst < 0.1
+    assert difference.rms["pump_angle"] < 0.5
+
+
+def _errors(case: Case, refinements: list[float]) -> list[float]:
+    reference = case.states(0.5, 32.0)[0]
+    pressure = s.SHARED + s.P1
+    return [
+        float(np.sqrt(np.mean((case.states(0.5, refine)[0] - reference)[:, pressure] ** 2)))
+        for refine in refinements
+    ]
+
+
+def test_refining_converges_fast():
+    """Each halving takes the error down by far more than a second-order rule's four, on the whole."""
+    errors = _errors(Cases().work, [0.5, 1.0, 2.0, 4.0, 8.0])
+    assert all(finer < coarser for coarser, finer in pairwise(errors))
+    assert errors[0] / errors[-1] > 8.0**4
+    assert errors[1] < 1.0
+
+
+A, B = Unit.load("axis_a"), Unit.load("axis_b")
+LENGTH = 900
+RUNS: dict[str, dict[str, Any]] = {
+    "one axis": {
+        "duty": {"name": "steps", "hold": 0.2},
+        "load": {"name": "gust"},
+        "friction_wander": 0.04,
+        "faults": [
+            {"fault": "coupling_wear", "severity": 1.0, "onset": 0.2},
+            {"fault": "pressure_sensor_drift", "severity": 1.0, "onset": 0.1},
+        ],
+    },
+    "shuttle with rate feedback": {
+        "duty": {"name": "constant_speed", "amplitude": 0.005, "dwell": 0.05},
+        "control": {"mode": "speed"},
+    },
+    "rate feedback": {"control": {"rate_gain": 500.0}, "duty": {"name": "sines", "lead_in": 0.0}},
+    "dual": {
+        "duty": {"name": "prbs", "amplitude": 0.02, "bit": 0.1},
+        "load": {"name": "spring"},
+        "partner": {"circuit": {"throttle": "0:0/0.5:0.2"}},
+        "connect": {"line_1": "0:0/0.7:1"},
+        "faults": [{"fault": "aeration", "severity": 0.5, "onset": 0.3, "axis": 2, "profile": "ramp"}],
+    },
+}
+
+
+def _scenario(case: str) -> Scenario:
+    return Scenario(duration=LENGTH * 1e-3, seed=11, **RUNS[case])
+
+
+@pytest.fixture(scope="module")
+def whole() -> dict[str, Any]:
+    return {case: simulate(A, _scenario(case), partner=_partner(case)) for case in RUNS}
+
+
+def _partner(case: str) -> Unit | None:
+    return B if "partner" in RUNS[case] else None
+
+
+@settings(max_examples=6)
+@given(block=st.integers(1, LENGTH + 50))
+@pytest.mark.parametrize("case", RUNS)
+def test_streamed_it_is_the_same_bits(whole, case, block):
+    """Samples and truth of every axis, for any block length."""
+    parts = list(stream(A, _scenario(case), partner=_partner(case), block=max(block, 25)))
+    reference = whole[case]
+    for axis, expected in enumerate(filter(None, (reference, reference.partner))):
+        time = np.concatenate([part[axis].samples.time for part in parts])
+        np.testing.assert_array_equal(time, expected.samples.time)
+        for name, values in expected.samples.columns.items():
+            streamed = np.concatenate([part[axis].samples.columns[name] for part in parts])
+            np.testing.assert_array_equal(streamed, values, err_msg=name)
+        for name, values in expected.truth.columns.items():
+            streamed = np.concatenate([part[axis].truth.columns[name] for part in parts])
+            np.testing.assert_array_equal(streamed, values, err_msg=name)
+
+
+@settings(max_examples=12, phases=[Phase.generate])  # a smaller number is no simpler scenario
+@given(seed=st.integers(0, 10**6))
+def test_wild_runs_stay_within_physics(seed):
+    outcome = try_wild(seed, duration=2.0)
+    assert outcome.failures == []
+    assert outcome.lowest_pressure > 0.0
+
+
+@pytest.mark.parametrize("seed", [1730, 1955, 1048])
+def test_wild_runs_that_once_failed(seed):
+    """1730: one connect line alone stacks relief settings. 1955: a degraded motor ran away. 1048: corners
+    that too few nodes of the energy's quadrature miss."""
+    assert try_wild(seed).failures == []
+
+
+def test_the_check_sees_what_is_wrong():
+    """A negative pressure, a piston outside and a runaway motor are each told."""
+    wild = draw_wild(5)
+    ready = wild.prepared()
+    raw = next(iter(raw_blocks(ready, block=wild.scenario.rows)))
+    sound = raw.states.copy()
+    for column, value, told in (
+        (s.SHARED + s.P1, -1e6, "absolute pressure"),
+        (s.X, 1.0, "beyond the stop"),
+        (s.SHARED + s.SPEED, 5e3, "motor"),
+        (s.SHARED + s.P1, np.nan, "NaN"),
+    ):
+        raw.states[:] = sound
+        raw.states[-1, column] = value
+        failures = robustness._checked(5, wild, ready, raw).failures
+        assert any(told in failure for failure in failures), told
