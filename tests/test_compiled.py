@@ -85,9 +85,7 @@ def test_an_edit_is_compiled_and_no_edit_is_not(installed: Path, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_where_sources_cannot_be_written_the_users_folder_serves_or_it_says_so(
-    installed: Path, tmp_path: Path
-) -> None:
+def test_where_sources_cannot_be_written_the_users_folder_serves(installed: Path, tmp_path: Path) -> None:
     (installed / "halved.py").write_text(COMPILED + "def called(x):\n    return x / 2\n")
     (installed / "__pycache__").write_text("no folder, so nothing can be kept here")
     program = "from halved import called\nresult = called(3)"
@@ -116,9 +114,7 @@ def test_a_file_of_another_signature_is_not_used(installed: Path, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_list_of_kept_code_that_names_a_type_that_is_gone_is_made_anew(
-    installed: Path, tmp_path: Path
-) -> None:
+def test_a_list_of_kept_code_with_a_type_that_is_gone_is_made_anew(installed: Path, tmp_path: Path) -> None:
     kept = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
     for name, hits in (("Old", 0), ("New", 0), ("New", 1)):
         pair = f"class {name}(NamedTuple):\n    x: float\n"

@@ -66,9 +66,7 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path, error: type[BaseExcepti
 
 
 @pytest.mark.parametrize("call", ["replace", "open"])
-def test_a_full_disk_is_one_line_that_names_the_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
-) -> None:
+def test_a_full_disk_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
     target = tmp_path / "run.csv"
 
     def full(*_: object, **__: object) -> None:
@@ -102,9 +100,7 @@ def test_what_cannot_be_written_is_one_line(tmp_path: Path, name: str, problem: 
     assert [p.name for p in tmp_path.iterdir()] == ["pipe"] and (tmp_path / "pipe").is_fifo()
 
 
-def test_a_folder_that_may_not_be_written_to_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_without_permission_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Patched rather than with chmod, which does not hold back a superuser.
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(InputError, match=r"run\.csv: .*permission denied"), whole_file(tmp_path / "run.csv"):

@@ -57,9 +57,7 @@ def test_units_logs_and_twins_replace_those_of_the_recipe(run, one_line, tmp_pat
 
 
 @pytest.mark.parametrize("volume", [None, 0])
-def test_a_base_whose_accumulator_has_no_size_is_told_in_one_line(
-    run, one_line, tmp_path: Path, volume: int | None
-) -> None:
+def test_a_base_whose_accumulator_has_no_size(run, one_line, tmp_path: Path, volume: int | None) -> None:
     """As one would write a partner down: its gas volume left out, or 0."""
     plain = yaml.safe_load(Unit.load("axis_b").to_yaml())
     plain["accumulator"]["gas_volume"] = volume
@@ -130,9 +128,7 @@ def test_a_classifier_speaks_beside_the_answer_and_changes_nothing_in_it(
     assert healthy["second_opinion"]["answer"] == "healthy"
 
 
-def test_classifiers_that_do_not_suit_are_refused(
-    run, one_line, logs: dict[str, Path], tmp_path: Path
-) -> None:
+def test_classifiers_that_do_not_suit(run, one_line, logs: dict[str, Path], tmp_path: Path) -> None:
     model = FaultClassifier(folds=0).fit([[0.0], [1.0]], ["healthy", "leakage"])
     for name, features, window in (("windows", ["duration"], 5.0), ("unknown", ["misfit_none"], None)):
         stored = StoredClassifier(model, features, "family", window, "x", "0", {}, {})

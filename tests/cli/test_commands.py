@@ -109,9 +109,7 @@ def test_outputs_for_several_logs(tmp_path: Path) -> None:
             output_paths(pattern, many, ".html", "--report")
 
 
-def test_the_profile_in_the_log_is_used_unless_one_is_given(
-    run, logs, tiny_model_file, tmp_path: Path
-) -> None:
+def test_the_logs_profile_is_used_unless_one_is_given(run, logs, tiny_model_file, tmp_path: Path) -> None:
     path = tmp_path / "b.mcap"
     assert run("simulate", "-o", path, "--unit", "axis_b", "--duration", 6, "--no-truth").exit_code == 0
     model = ["--model", tiny_model_file, "--json", "-"]

@@ -174,7 +174,7 @@ def test_a_single_bad_log_writes_nothing_and_a_folder_of_something_else_is_left_
 
 
 def test_resume_works_only_what_is_new(
-    run, one_folder: Path, folder: Path, tiny_model_file, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run, one_folder: Path, folder: Path, tiny_model_file, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import fdd.logs
 
@@ -248,7 +248,7 @@ def test_an_error_of_our_own_ends_one_log_only(run, logs, tiny_model_file, monke
 
 @pytest.mark.skipif(os.name == "nt", reason="sends a signal to a group of processes")
 @pytest.mark.slow
-def test_what_was_finished_survives_an_interrupt(run, logs, tiny_model_file, tmp_path: Path) -> None:
+def test_what_was_finished_survives_an_interrupt(logs, tiny_model_file, tmp_path: Path) -> None:
     runs, out = tmp_path / "runs", tmp_path / "out"
     runs.mkdir()
     for k in range(60):

@@ -67,7 +67,7 @@ def valid(run, kind: str, answer: dict[str, Any]) -> None:
         assert not of.is_valid({k: v for k, v in answer.items() if k != key}), key
 
 
-def test_a_leakage_that_grows_over_twelve_logs(run, told, life: Path) -> None:
+def test_a_leakage_that_grows_over_twelve_logs(run, told) -> None:
     result, out = told
     assert result.exit_code == 0, result.stderr
     answer = json.loads((out / "trend.json").read_text("utf-8"))

@@ -36,9 +36,7 @@ def made(run, healthy_strokes, tmp_path_factory: pytest.TempPathFactory):
     return run("identify", healthy_strokes, "--json", out.with_suffix(".json"), "-o", out), out
 
 
-def test_identify_says_first_whether_the_profile_is_usable_and_where_it_comes_from(
-    made, healthy_strokes
-) -> None:
+def test_identify_says_whether_the_profile_is_usable_and_where_it_comes_from(made, healthy_strokes) -> None:
     result, out = made
     assert result.exit_code == 0, result.stderr
     unit, truth = Unit.load(out), Unit.load("axis_a")
@@ -93,7 +91,7 @@ def test_a_leaking_log_is_added_only_where_it_is_accepted(run, one_line, made, t
     assert unit.pump == before.pump
 
 
-def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, made, logs, tmp_path) -> None:
+def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, made, tmp_path) -> None:
     out = tmp_path / "unit.yaml"
     one_line(run("identify", tmp_path / "none.mcap", "-o", out), "none.mcap", "no such file")
     one_line(run("identify", healthy_strokes, "--base", "axis_z", "-o", out), "axis_z")

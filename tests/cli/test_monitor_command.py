@@ -62,9 +62,7 @@ def test_people_get_a_line_per_finding_and_a_summary(run, logs, tiny_model_file,
     assert "Leakage coefficient" in result.stdout
 
 
-def test_a_stream_goes_on_with_the_clock_that_it_had(
-    run, logs, tiny_model_file, offline, tmp_path: Path
-) -> None:
+def test_a_stream_goes_on_with_its_clock(run, logs, tiny_model_file, offline, tmp_path: Path) -> None:
     lines = stream_of(logs["leaking"]).splitlines(keepends=True)
     half = len(lines) // 2
     common = ["-", "--model", tiny_model_file, "--json", "--state", tmp_path / "axis.npz"]

@@ -51,9 +51,7 @@ def test_a_bad_model_is_refused(run, one_line, logs, tiny_model_file, tmp_path, 
 
 
 @pytest.mark.parametrize("option", ["--json", "--report", "--mcap"])
-def test_an_output_that_cannot_be_written_is_refused_first(
-    run, one_line, logs, tiny_model_file, tmp_path, option
-) -> None:
+def test_an_output_that_cannot_be_written(run, one_line, logs, tiny_model_file, tmp_path, option) -> None:
     (tmp_path / "file").write_text("")
     for target in (tmp_path / "nowhere" / "x", tmp_path / "file" / "x"):
         result = run("diagnose", logs["healthy"], "--model", tiny_model_file, option, target)
@@ -98,9 +96,7 @@ def test_a_bad_simulation_is_refused(run, one_line, tmp_path, arguments, words) 
         ("--unit", "schema: fdd.unit/1\nname: x\n", ["file.yaml"]),
     ],
 )
-def test_a_bad_map_or_unit_is_refused(
-    run, one_line, logs, tiny_model_file, tmp_path, option, text, words
-) -> None:
+def test_a_bad_map_or_unit(run, one_line, logs, tiny_model_file, tmp_path, option, text, words) -> None:
     path = tmp_path / "file.yaml"
     path.write_text(text)
     one_line(run("diagnose", logs["csv"], option, path, "--model", tiny_model_file), *words)
@@ -125,9 +121,7 @@ def test_wrong_usage_has_status_2(run, arguments) -> None:
         (MemoryError(), 70, "memory"),
     ],
 )
-def test_whatever_ends_a_command_is_one_line(
-    run, monkeypatch, logs, tiny_model_file, raised, status, told
-) -> None:
+def test_what_ends_a_command(run, monkeypatch, logs, tiny_model_file, raised, status, told) -> None:
     import fdd.logs
 
     def broken(*_: object) -> None:
@@ -143,9 +137,7 @@ def test_whatever_ends_a_command_is_one_line(
         assert "Traceback" in run("diagnose", logs["healthy"], "--model", tiny_model_file).stderr
 
 
-def test_a_reader_that_goes_away_is_no_error_and_a_full_disk_is_told_in_one_line(
-    logs, tiny_model_file
-) -> None:
+def test_a_reader_that_goes_away_is_no_error_and_a_full_disk_is_told(logs, tiny_model_file) -> None:
     read, write = os.pipe()
     os.close(read)
     command = [*MAIN, "diagnose", str(logs["healthy"]), "--model", str(tiny_model_file)]

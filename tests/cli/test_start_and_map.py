@@ -129,9 +129,7 @@ def foreign(logs, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_an_answered_question_gives_a_map_that_reads_the_log(
-    run, logs, foreign: Path, tmp_path: Path
-) -> None:
+def test_an_answered_question_gives_a_map(run, logs, foreign: Path, tmp_path: Path) -> None:
     out = tmp_path / "map.yaml"
     result = run("map", foreign, "-o", out, "--set", "pressure=:kPa", "--axis", "axis_a")
     assert result.exit_code == 0 and "as it should" in result.stdout, result.stderr
@@ -141,9 +139,7 @@ def test_an_answered_question_gives_a_map_that_reads_the_log(
         np.testing.assert_allclose(read[channel], wanted[channel], rtol=1e-9, atol=1e-9)
 
 
-def test_an_open_question_and_wrong_answers_are_told_and_nothing_written(
-    run, one_line, foreign: Path, tmp_path: Path
-) -> None:
+def test_open_questions_and_wrong_answers_are_told(run, one_line, foreign: Path, tmp_path: Path) -> None:
     out = tmp_path / "map.yaml"
     result = run("map", foreign, "-o", out)
     assert result.exit_code == 2 and "--set pressure=:" in result.stderr and "--yes" in result.stderr

@@ -131,7 +131,7 @@ def test_remarks_become_events_and_an_error_of_the_stream_is_told(pipeline, cloc
 
 
 @pytest.mark.parametrize("stop_at", [0.2, 3.0, 8.0])
-def test_it_goes_on_from_a_saved_state(
+def test_a_saved_state_goes_on(
     unit, tiny_model, leaking, offline, clock, tmp_path: Path, stop_at: float
 ) -> None:
     path = tmp_path / "axis.npz"

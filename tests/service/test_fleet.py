@@ -282,7 +282,7 @@ def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(
     assert len(store.findings()) == 1 and again.axes()[0].samples == len(log)
 
 
-def test_an_axis_that_falls_silent_gives_what_it_held(
+def test_an_axis_that_falls_silent_gives_what_it_has(
     store: Store, log: Samples, ticking: list[float]
 ) -> None:
     wall = [RECEIVED]
@@ -327,9 +327,7 @@ def test_a_sender_that_the_service_keeps_waiting_is_not_silent(
 
 
 @pytest.mark.parametrize("stops", [True, False])
-def test_what_is_held_for_a_block_waits_for_it_over_a_restart(
-    stops: bool, store: Store, log: Samples
-) -> None:
+def test_what_waits_for_a_block_waits_over_a_restart(stops: bool, store: Store, log: Samples) -> None:
     blocks = blocks_of(log)[:20]
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, [b for b in blocks[:12] if b.sequence != 10])
@@ -343,9 +341,7 @@ def test_what_is_held_for_a_block_waits_for_it_over_a_restart(
     assert status.samples == 2000 and status.quality["late"] == 0
 
 
-def test_after_a_crash_it_is_asked_while_it_resumes(
-    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_answers_while_it_resumes(store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
     fleet, inbox, _ = fleet_of(store)
     # The first one alone: most is in the journal.
     monkeypatch.setattr("fdd.service.checkpoints.CHECKPOINT_S", 1e9)

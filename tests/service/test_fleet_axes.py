@@ -33,7 +33,7 @@ def _files(folder: Path, **inner: str) -> Path:
 
 
 @pytest.mark.parametrize("said", ["rig_3", None])
-def test_a_restart_keeps_the_profile_that_the_blocks_named(
+def test_a_restart_keeps_the_named_profile(
     store: Store, log: Samples, tmp_path: Path, said: str | None
 ) -> None:
     """Names of files and of profiles may differ, and one may be called as another's file."""
@@ -64,9 +64,7 @@ def test_an_axis_whose_sender_was_mended_is_watched_again(store: Store, log: Sam
     assert status.state == "unacknowledged" and "internal_leakage" in {f["fault"] for f in store.findings()}
 
 
-def test_pressures_on_another_scale_are_refused_until_they_are_right(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_pressures_on_another_scale_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a unit with a baseline: bar as psi passes as a magnitude, and not as this unit's."""
     monkeypatch.setattr("fdd.service.axis.STREAM_S", 5.0)
     demo = Path(fdd.__file__).parent / "demo"
@@ -135,7 +133,7 @@ def test_what_is_refused_for_want_of_a_profile_is_counted_and_told(store: Store,
     assert fleet.axes()[0].name == "known" and fleet.axes()[0].state != "failed"
 
 
-def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples, tmp_path: Path) -> None:
+def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples) -> None:
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(log)[:60])
     fleet.keep()
@@ -164,9 +162,7 @@ def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store) -> 
     assert not store.alarms()
 
 
-def test_a_message_is_kept_as_it_came_unless_it_says_more_than_its_samples(
-    store: Store, log: Samples
-) -> None:
+def test_a_message_is_kept_as_it_came_unless_it_says_more(store: Store, log: Samples) -> None:
     def message(block: Block, stray: dict[str, np.ndarray] | None = None, **more: object) -> bytes:
         """Without its axis, which the topic tells."""
         head = {"schema": "fdd.block/1", "sequence": block.sequence, **more}

@@ -39,9 +39,7 @@ def text(selector: str) -> str:
     return f"document.querySelector('{selector}')?.innerText"
 
 
-def test_an_alarm_comes_in_and_is_acknowledged_by_keyboard(
-    browser: Browser, server: Server, world: World
-) -> None:
+def test_an_alarm_is_acknowledged_by_keyboard(browser: Browser, server: Server, world: World) -> None:
     browser.open(f"{server.address}#/alarms")
     browser.wait(f"{text('#live')} === 'Live' && {text('#badge')} === '2'")
     count = "performance.getEntriesByType('resource').filter((e) => e.name.endsWith('/api/axes')).length"

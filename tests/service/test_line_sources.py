@@ -73,9 +73,7 @@ def test_samples_that_come_slowly_or_in_pieces_are_not_kept_waiting(taker: Taker
     assert source.status()["refused"] == 0
 
 
-def test_a_line_without_end_or_time_is_forgotten_and_a_clock_that_went_back_followed(
-    taker: Taker, tcp: Lines
-) -> None:
+def test_a_line_without_end_or_time_is_forgotten_and_a_clock_followed(taker: Taker, tcp: Lines) -> None:
     source = tcp(axis="A1")
     with connected(source) as sender:
         for _ in range(MAX_BLOCK_BYTES // (1 << 20) + 1):
@@ -159,9 +157,7 @@ def test_datagrams_are_messages(taker: Taker, stop: threading.Event) -> None:
     assert np.array_equal(taker.joined("C3")["position"][10:], a_block(1).samples["position"])
 
 
-def test_standard_input_to_its_end(
-    taker: Taker, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_standard_input(taker: Taker, stop: threading.Event, monkeypatch: pytest.MonkeyPatch) -> None:
     reading, writing = os.pipe()
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: reading))
     source = open_source(StdinSource(type="stdin", axis="A1"))

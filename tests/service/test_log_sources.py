@@ -50,9 +50,7 @@ def folder(path: Path, **more: object) -> Source:
     return open_source(FolderSource.model_validate({"type": "folder", "folder": path, "every": 0.05, **more}))
 
 
-def test_a_replay_waits_until_the_fleet_has_stored(
-    tmp_path: Path, taker: Taker, stop: threading.Event
-) -> None:
+def test_a_replay_waits_for_the_store(tmp_path: Path, taker: Taker, stop: threading.Event) -> None:
     taker.accepting = False
     source = open_source(ReplaySource(type="replay", logs={"A1": log(tmp_path / "a.parquet")}, speed="max"))
     source.start(taker.put, stop)

@@ -91,7 +91,7 @@ def test_a_store_in_trouble_is_waited_for(
 
 
 def test_live_states_that_cannot_be_written_are_counted(
-    store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
+    store: Store, tmp_path: Path, stop: threading.Event
 ) -> None:
     bus, path = Bus(), tmp_path / "events.jsonl"
     made = made_of(store, bus, jsonl=path)

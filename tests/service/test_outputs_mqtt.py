@@ -88,7 +88,7 @@ def test_what_is_retained_and_what_is_not(publish: Any, listen: Any, version: st
     assert not later.of(alarm) and not later.of(found)
 
 
-def test_a_state_is_told_when_it_changed_and_not_too_often(
+def test_a_state_is_told_but_not_too_often(
     publish: Any, listen: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     live, publisher = listen(), publish()
@@ -136,9 +136,7 @@ def test_a_broker_that_was_killed_is_told_everything_again(
     assert json.loads(late.of(f"{base}/state")[0][0]) == {"state": "healthy"}
 
 
-def test_a_link_that_breaks_is_told_by_the_broker_and_a_store_in_trouble_asked_again(
-    publish: Any, listen: Any
-) -> None:
+def test_a_broken_link_is_told_and_a_store_in_trouble_asked_again(publish: Any, listen: Any) -> None:
     asked: list[int] = []
 
     def standing() -> list[dict[str, Any]]:

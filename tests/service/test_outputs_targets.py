@@ -148,9 +148,7 @@ def test_it_comes_again_with_the_same_key_until_it_is_taken(
      (429, False, True), (500, False, False), (502, False, False), (503, False, True),
      *((redirect, True, False) for redirect in (301, 302, 307, 308))],
 )  # fmt: skip
-def test_which_answers_are_final_and_redirects_are_not_followed(
-    receiver: Receiver, status: int, final: bool, down: bool
-) -> None:
+def test_final_answers_and_redirects(receiver: Receiver, status: int, final: bool, down: bool) -> None:
     receiver.answers = [(status, {"Location": f"{receiver.url}/elsewhere"}, b"x" * 100_000)]
     with pytest.raises(Undelivered, match=str(status)) as caught:
         Webhook(receiver.url).deliver(MESSAGE)
@@ -170,9 +168,7 @@ def test_retry_after_may_be_a_date(receiver: Receiver) -> None:
         assert low <= caught.value.wait_s <= high, text
 
 
-def test_a_receiver_that_is_away_or_silent_takes_a_bounded_time(
-    receiver: Receiver, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_silent_receiver_takes_a_bounded_time(receiver: Receiver, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(targets, "TIMEOUT_S", 0.3)
     receiver.delay_s = 2.0
     for url, words in ((f"http://127.0.0.1:{free_port()}", "refused"), (receiver.url, "")):

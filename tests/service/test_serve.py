@@ -84,7 +84,7 @@ def test_a_server_that_is_killed_meanwhile_is_told_and_nothing_is_lost(log: Samp
     url = postgres_url()
     text = (
         f"schema: fdd.serve/1\nfallback: axis_a\nlisten: {{port: 0}}\nstore: {url}\n"
-        "sources:\n- {type: replay, speed: 20, logs: {A1: run.parquet}}\n"
+        "sources:\n- {type: replay, speed: 10, logs: {A1: run.parquet}}\n"
     )
     with serving(Serve.from_yaml(text, folder=tmp_path)) as service:
         address = service.address
@@ -108,7 +108,7 @@ def test_a_server_that_is_killed_meanwhile_is_told_and_nothing_is_lost(log: Samp
     store.close()
 
 
-def test_the_command_checks_its_file_makes_tokens_and_names_its_extra(
+def test_the_command_checks_its_file_and_makes_tokens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = CliRunner().invoke
@@ -126,9 +126,7 @@ def test_the_command_checks_its_file_makes_tokens_and_names_its_extra(
         assert refused.exit_code == 2 and "install fdd[serve]" in refused.output
 
 
-def test_a_fleet_that_fails_ends_the_service_with_what_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fleet_that_fails_ends_the_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not with status 0, by which nobody would start it again."""
     text = "schema: fdd.serve/1\nlisten: {port: 0}\nsources: [{type: udp, port: 0}]\n"
     for error in (InputError("the store is damaged"), RuntimeError("a fault of fdd")):
@@ -193,9 +191,7 @@ def test_whatever_the_file_names_is_opened_before_anything_is_made(line: str, tm
     assert [p.name for p in tmp_path.iterdir()] == ["serve.yaml"], "nothing half-made"
 
 
-def test_a_server_that_is_away_at_the_start_is_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_server_that_is_away_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     url = postgres_url()
     postgres_server().kill()
     monkeypatch.setattr("fdd.service.service.AGAIN_S", 0.2)
@@ -223,7 +219,7 @@ def test_a_demo_removes_what_a_killed_one_has_left(tmp_path: Path, monkeypatch: 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_refused_is_told_in_log_health_and_metrics(
+def test_refusals_are_told_in_log_health_and_metrics(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     text = "schema: fdd.serve/1\nlisten: {port: 0}\nsources: [{type: tcp, port: 0, name: line}]\n"

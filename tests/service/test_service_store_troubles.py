@@ -104,7 +104,7 @@ def test_a_full_disk_is_a_trouble_that_passes_and_a_read_only_store_is_told(path
 
 
 @pytest.mark.parametrize("gone", ["fdd.db", ""])
-def test_a_store_whose_files_are_moved_away_takes_nothing_until_they_are_back(
+def test_a_store_that_is_moved_away_takes_nothing_until_it_is_back(
     gone: str, path: Path, tmp_path: Path
 ) -> None:
     def accept(payload: bytes) -> None:
@@ -155,9 +155,7 @@ def test_a_server_that_cannot_be_reached_is_told_without_its_password() -> None:
         assert isinstance(caught.value, StoreTrouble)
 
 
-def test_a_database_of_another_program_or_version_is_refused_and_left_alone(
-    path: Path, tmp_path: Path
-) -> None:
+def test_a_database_of_another_program_or_version_is_left_alone(path: Path, tmp_path: Path) -> None:
     bookmarks = tmp_path / "bookmarks.db"
     with sqlite3.connect(bookmarks) as other:
         other.execute("CREATE TABLE bookmark (url TEXT)")
