@@ -174,16 +174,16 @@ def test_a_map_names_and_converts() -> None:
 
 
 @pytest.mark.parametrize(
-    "channel",
+    "text",
     [
         "position: {topic: /daq, field: x}",
-        "pump_angle: {column: a, wrap: 4096}",
-        "pump_angle: {column: a, sign_of: d}",
+        "time: {column: t}\npump_angle: {column: a, wrap: 4096}",
+        "time: {column: t}\npump_angle: {column: a, sign_of: d}",
     ],
 )
-def test_a_map_that_needs_the_whole_log_is_refused(channel: str) -> None:
+def test_a_map_that_needs_the_whole_log_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="stream takes plain columns"):
-        LineParser(ChannelMap.from_yaml(f"time: {{column: t}}\n{channel}"))
+        LineParser(ChannelMap.from_yaml(text))
 
 
 def test_bar_declared_as_pascal_is_refused_after_five_seconds() -> None:
