@@ -8,6 +8,7 @@ import random
 import struct
 import zipfile
 import zlib
+from collections.abc import Callable
 
 import lz4.frame
 import zstandard
@@ -16,11 +17,6 @@ from tests.fuzz.mutations import EXTREMES, bytes_changed, text_changed
 
 _MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _END = 0x03, 0x04, 0x05, 0x06, 0x0F
-_CODECS = {
-    "": (bytes, bytes),
-    "zstd": (zstandard.decompress, zstandard.compress),
-    "lz4": (lz4.frame.decompress, lz4.frame.compress),
-}
 
 
 def gzip_changed(raw: bytes, rng: random.Random) -> bytes:
@@ -41,14 +37,16 @@ def zip_changed(raw: bytes, rng: random.Random) -> bytes:
         chosen = rng.choice(sheets if sheets and rng.random() < 0.7 else names)
         for name in names:
             content = old.read(name)
-            new.writestr(zipfile.ZipInfo(name), text_changed(content, rng) if name == chosen else content)
+            if name == chosen:
+                content = text_changed(content, rng)
+            new.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)
     return out.getvalue()
 
 
 Record = tuple[int, bytes]
 
 
-def _records_of(raw: bytes) -> list[Record]:
+def records_of(raw: bytes) -> list[Record]:
     """Opcode and body of each whole record."""
     found, at = [], 0
     while at + 9 <= len(raw):
@@ -60,7 +58,8 @@ def _records_of(raw: bytes) -> list[Record]:
     return found
 
 
-def _bytes_of(records: list[Record]) -> bytes:
+def bytes_of(records: list[Record]) -> bytes:
+    """Records as a file or a chunk has them."""
     return b"".join(struct.pack("<BQ", opcode, len(body)) + body for opcode, body in records)
 
 
@@ -68,55 +67,72 @@ def mcap_changed(raw: bytes, rng: random.Random) -> bytes:
     """Records of the file or of a chunk changed; the chunk's sizes and checksum mostly fit again."""
     if rng.random() < 0.15:
         return bytes_changed(raw, rng)
-    records = _records_of(raw[len(_MAGIC) : -len(_MAGIC)])
+    records = records_of(raw[len(_MAGIC) : -len(_MAGIC)])
     chunks = [k for k, (opcode, _) in enumerate(records) if opcode == _CHUNK]
-    if not chunks or rng.random() < 0.15:
-        return _MAGIC + _bytes_of(_records_changed(records, rng)) + _MAGIC
-    # Without the summary, whose schemas and channels would be taken before the chunk's.
-    records = records[: next(k for k, (opcode, _) in enumerate(records) if opcode == _END)]
-    at = rng.choice([chunks[0], *chunks])
-    records[at] = (_CHUNK, _chunk_changed(records[at][1], rng))
-    return _MAGIC + _bytes_of(records)
+    if chunks and rng.random() < 0.85:
+        # Without the summary, whose schemas and channels would be taken before the chunk's.
+        records = records[: next(k for k, (opcode, _) in enumerate(records) if opcode == _END)]
+        at = rng.choice([chunks[0], *chunks])
+        records[at] = (_CHUNK, _chunk_changed(records[at][1], rng))
+        return _MAGIC + bytes_of(records)
+    return _MAGIC + bytes_of(_records_changed(records, rng)) + _MAGIC
 
 
 def _chunk_changed(body: bytes, rng: random.Random) -> bytes:
-    start, end, _, _, named = struct.unpack_from("<QQQII", body)
-    inner = _CODECS[body[32 : 32 + named].decode()][0](body[40 + named :])
+    start, end, size, _, named = struct.unpack_from("<QQQII", body)
+    compression = body[32 : 32 + named].decode()
+    inner = _CODECS[compression][0](body[40 + named :])
     if rng.random() < 0.15:
         inner = bytes_changed(inner, rng)
     else:
-        inner = _bytes_of(_records_changed(_records_of(inner), rng))
-    compression = rng.choice(list(_CODECS))
+        inner = bytes_of(_records_changed(records_of(inner), rng))
+    size, crc = len(inner), zlib.crc32(inner)
+    compression = rng.choice(("", "zstd", "lz4", compression))
     packed = _CODECS[compression][1](inner)
-    size = rng.choice(EXTREMES) & 2**64 - 1 if rng.random() < 0.1 else len(inner)
+    if rng.random() < 0.1:
+        size = rng.choice(EXTREMES) & 2**64 - 1
     if rng.random() < 0.05:
         packed = bytes_changed(packed, rng)
-    head = struct.pack("<QQQII", start, end, size, zlib.crc32(inner), len(compression))
-    return head + compression.encode() + struct.pack("<Q", len(packed)) + packed
+    head = struct.pack("<QQQII", start, end, size, crc, len(compression)) + compression.encode()
+    return head + struct.pack("<Q", len(packed)) + packed
+
+
+_CODECS: dict[str, tuple[Callable[[bytes], bytes], Callable[[bytes], bytes]]] = {
+    "": (bytes, bytes),
+    "zstd": (zstandard.decompress, zstandard.compress),
+    "lz4": (lz4.frame.decompress, lz4.frame.compress),
+}
 
 
 def _records_changed(records: list[Record], rng: random.Random) -> list[Record]:
     out = list(records)
-    for _ in range(min(rng.choice((1, 1, 2, 4)), len(out))):
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        if not out:
+            break
         # Schemas and channels are few, and most is decided by them.
         definitions = [k for k, (opcode, _) in enumerate(out) if opcode in (_SCHEMA, _CHANNEL)]
         at = rng.choice(definitions) if definitions and rng.random() < 0.4 else rng.randrange(len(out))
         opcode, body = out[at]
         kind = rng.randrange(10)
-        if kind == 0 and len(out) > 1:
+        if kind == 0:
             del out[at]
         elif kind == 1:
             out.insert(rng.randrange(len(out)), out[at])
         elif kind == 2:
             out[at] = (rng.randrange(16), body)
         elif opcode == _MESSAGE and len(body) > 22 and kind < 9:
-            change = text_changed if body[22:23] == b"{" else bytes_changed
-            out[at] = (opcode, body[:22] + change(body[22:], rng))
+            out[at] = (opcode, body[:22] + _payload_changed(body[22:], rng))
         elif opcode == _SCHEMA and kind < 9:
             out[at] = (opcode, _schema_changed(body, rng))
         else:
             out[at] = (opcode, bytes_changed(body, rng))
     return out
+
+
+def _payload_changed(payload: bytes, rng: random.Random) -> bytes:
+    if not payload:
+        return bytes_changed(b"\0", rng)
+    return text_changed(payload, rng) if payload[:1] == b"{" else bytes_changed(payload, rng)
 
 
 def _schema_changed(body: bytes, rng: random.Random) -> bytes:
@@ -128,5 +144,6 @@ def _schema_changed(body: bytes, rng: random.Random) -> bytes:
         return bytes_changed(body, rng)
     head = body[: 10 + name + encoding]
     data = body[len(head) + 4 :]
-    data = (bytes_changed if b"protobuf" in head or not data else text_changed)(data, rng)
+    change = bytes_changed if b"protobuf" in head or not data else text_changed
+    data = change(data, rng)
     return head + struct.pack("<I", len(data)) + data

@@ -40,15 +40,32 @@ def changed(data: Any, path: tuple[Any, ...], value: Any) -> Any:
     return out
 
 
+def torn(text: str, rng: random.Random) -> str:
+    """A few bytes of a text changed, taken out, or a piece of it repeated elsewhere."""
+    raw = bytearray(text.encode())
+    for _ in range(rng.randint(1, 4)):
+        if not raw:
+            break
+        start = rng.randrange(len(raw))
+        kind, stop = rng.randrange(3), start + rng.randint(1, 40)
+        if kind == 0:
+            raw[start] = rng.choice(b"0-:{}[]&*!<'\"\n\t%@|> eE.\x00\xff")
+        elif kind == 1:
+            del raw[start:stop]
+        else:
+            raw[start:start] = raw[(at := rng.randrange(len(raw))) : at + stop - start]
+    return raw.decode("utf-8", errors="replace")
+
+
 def bytes_changed(raw: bytes, rng: random.Random) -> bytes:
-    """Bytes flipped, blocks cut, doubled or moved, integers set to extremes; heads and ends most often."""
+    """Bytes flipped, blocks cut, doubled or swapped, integers set to extremes; heads and ends most often."""
     out = bytearray(raw)
     for _ in range(rng.choice((1, 1, 2, 3, 6))):
         if not out:
             return b""
-        at = rng.randrange(min(len(out), rng.choice((64, 512, len(out), len(out)))))
-        at = len(out) - 1 - at if rng.random() < 0.3 else at
-        length, other = rng.choice((1, 2, 4, 8, 16, 64, 512)), rng.randrange(len(out))
+        at = _position(len(out), rng)
+        length = min(rng.choice((1, 2, 4, 8, 16, 64, 512)), len(out) - at)
+        other = rng.randrange(len(out))
         kind = rng.randrange(8)
         if kind == 0:
             out[at] ^= 1 << rng.randrange(8)
@@ -56,11 +73,13 @@ def bytes_changed(raw: bytes, rng: random.Random) -> bytes:
             out[at] = rng.randrange(256)
         elif kind == 2:
             del out[at : at + length]
-        elif kind in (3, 4):
-            piece = out[at : at + length]
-            if kind == 4:
-                del out[at : at + length]
-            out[other:other] = piece
+        elif kind == 3:
+            out[other:other] = out[at : at + length]
+        elif kind == 4:
+            out[at : at + length], out[other : other + length] = (
+                out[other : other + length],
+                out[at : at + length],
+            )
         elif kind == 5 and rng.random() < 0.3:
             del out[at:]
         else:
@@ -70,21 +89,24 @@ def bytes_changed(raw: bytes, rng: random.Random) -> bytes:
     return bytes(out)
 
 
+def _position(size: int, rng: random.Random) -> int:
+    reach = min(size, rng.choice((64, 512, size, size)))
+    at = rng.randrange(reach)
+    return size - 1 - at if rng.random() < 0.3 else at
+
+
 def text_changed(raw: bytes, rng: random.Random) -> bytes:
-    """Cells and words replaced, pieces cut or repeated, lines cut, doubled and swapped, brackets nested."""
+    """Cells and words replaced, lines cut, doubled and swapped, brackets nested."""
     kind = rng.randrange(6)
-    if kind == 0 or not raw:
+    if kind == 0:
         return bytes_changed(raw, rng)
-    at, other = rng.randrange(len(raw)), rng.randrange(len(raw))
     if kind == 1:
-        piece = rng.choice(
-            (b"", bytes([rng.choice(b"0-:{}[]&*!<'\"\n\t%@|> eE.\0\xff")]), raw[other : other + 20])
-        )
-        return raw[:at] + piece + raw[at + rng.choice((0, 1, len(piece), 40)) :]
+        return torn(raw.decode("utf-8", "surrogateescape").encode("utf-8", "replace").decode(), rng).encode()
     if kind in (2, 3):
         found = list(re.finditer(rb"[\w.+-]+", raw))
-        chosen = rng.sample(found, min(rng.choice((1, 1, 3)), len(found)))
-        for one in sorted(chosen, key=lambda m: -m.start()):
+        for one in sorted(
+            rng.sample(found, min(rng.choice((1, 1, 3)), len(found))), key=lambda m: -m.start()
+        ):
             raw = raw[: one.start()] + rng.choice(_WORDS) + raw[one.end() :]
         return raw
     if kind == 4:
@@ -92,7 +114,7 @@ def text_changed(raw: bytes, rng: random.Random) -> bytes:
         a, b = rng.randrange(len(lines)), rng.randrange(len(lines))
         lines[a:b] = rng.choice(([], lines[a:b] * 2, lines[b:a]))
         return b"".join(lines)
-    deep = rng.choice((3, 40, 3000))
+    at, deep = rng.randrange(len(raw)), rng.choice((3, 40, 3000))
     opening, closing = rng.choice(((b"[", b"]"), (b'{"a":', b"}"), (b"- ", b""), (b"(", b")"), (b'"', b'"')))
     return raw[:at] + opening * deep + b"1" + closing * deep + raw[at:]
 
