@@ -1,18 +1,26 @@
-"""Rules about the code itself: which way imports run, what may not be loaded, how long a module is."""
+"""Rules about the code itself: what may not be loaded, how long a module is, docstrings, bounds."""
 
 from __future__ import annotations
 
 import ast
-import os
+import doctest
+import gzip
+import importlib
+import inspect
+import pkgutil
 import re
-import subprocess
-import sys
 from pathlib import Path
+from types import ModuleType
 
+import numpy as np
+import pandas as pd
 import pytest
-from importlinter.cli import lint_imports
 
+import estimators
 import fdd
+from fdd import bounds
+from fdd.errors import InputError
+from fdd.logs.formats import open_log
 
 ROOT = Path(__file__).parent.parent
 MODULES = sorted(p for package in ("fdd", "estimators", "reports") for p in (ROOT / package).rglob("*.py"))
@@ -29,18 +37,6 @@ UNSAFE_YAML = {"load", "load_all", "unsafe_load", "unsafe_load_all", "full_load"
 UNSAFE_KEYWORDS = {"allow_pickle", "shell"}
 # Readers of papers follow DOIs; anything else the product fetches or links is a decision to be taken here.
 HOSTS = {"doi.org", "filterpy.readthedocs.io", "json-schema.org", "www.w3.org"}
-# The plant simulates; what diagnoses may share a unit with it and nothing else.
-DIAGNOSING = (
-    "estimators",
-    "fdd/sensors",
-    "fdd/residuals",
-    "fdd/diagnosis",
-    "fdd/report",
-    "fdd/identification",
-    "fdd/history",
-    "fdd/offline",
-    "fdd/monitor",
-)
 
 
 def imported(tree: ast.AST) -> set[str]:
@@ -79,17 +75,6 @@ def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text("utf-8"))
 
 
-def test_import_contracts_hold() -> None:
-    assert lint_imports(config_filename=str(ROOT / "pyproject.toml"), no_cache=True) == 0
-
-
-def test_what_diagnoses_never_imports_the_plant() -> None:
-    for folder in DIAGNOSING:
-        modules = [p for p in MODULES if of(p).startswith(f"{folder}/")]
-        assert modules, f"{folder} is gone: correct this list"
-        assert [of(p) for p in modules if any("plant" in name for name in imported(parsed(p)))] == []
-
-
 def test_no_room_goes_through_the_doors() -> None:
     """The import contracts do not see what is taken from the root package."""
     doors = {f"fdd.{door}" for door in fdd.__all__}
@@ -126,23 +111,118 @@ def test_no_links_but_known_ones() -> None:
     assert {path: hosts - HOSTS for path, hosts in found.items() if hosts - HOSTS} == {}
 
 
-def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
-    program = (
-        "import sys; sys.argv = ['fdd', '--help']\n"
-        "from fdd.cli import main\n"
-        "try:\n    main()\n"
-        "except SystemExit as stop:\n    assert not stop.code\n"
-        "heavy = {'numpy', 'numba', 'scipy', 'pandas', 'pyarrow', 'sklearn', 'pydantic', 'mcap', 'yaml'}\n"
-        "print('HEAVY', sorted(heavy & set(sys.modules)))\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        env={**os.environ, "NO_COLOR": "1"},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "diagnose" in done.stdout
-    assert done.stdout.splitlines()[-1] == "HEAVY []"
+# Examples run on imported modules: a module run as a script would leave compiled functions in
+# Numba's cache that belong to `__main__`.
+NAMES = sorted(
+    found.name
+    for package in (fdd, estimators)
+    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+)
+OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+
+def public(module: ModuleType) -> dict[str, object]:
+    """Functions and classes that a module defines and does not hide."""
+    found = {}
+    for name, value in vars(module).items():
+        plain = inspect.unwrap(value) if callable(value) else value
+        defined_here = getattr(plain, "__module__", None) == module.__name__
+        if not name.startswith("_") and defined_here and (inspect.isroutine(plain) or inspect.isclass(plain)):
+            found[name] = plain
+    return found
+
+
+def undocumented(name: str) -> list[str]:
+    """Of a module, what lacks a docstring."""
+    module = importlib.import_module(name)
+    bare = [] if (module.__doc__ or "").strip() else [name]
+    for label, value in public(module).items():
+        if not (value.__doc__ or "").strip():
+            bare.append(f"{name}.{label}")
+        if inspect.isclass(value):
+            bare += [
+                f"{name}.{label}.{method}"
+                for method, code in vars(value).items()
+                if inspect.isfunction(code) and not method.startswith("_") and not inspect.getdoc(code)
+            ]
+    exported = getattr(module, "__all__", [])
+    return bare + [f"{name}.{x}" for x in exported if not inspect.getdoc(getattr(module, x))]
+
+
+def test_public_names_are_documented() -> None:
+    assert [bare for name in NAMES for bare in undocumented(name)] == []
+
+
+@pytest.mark.parametrize("room", sorted({".".join(name.split(".")[:2]) for name in NAMES}))
+def test_examples_hold(room: str, monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
+    monkeypatch.chdir(str(tmp_path))
+    runner = doctest.DocTestRunner(optionflags=OPTIONS, verbose=False)
+    said: list[str] = []
+    for name in (n for n in NAMES if f"{n}.".startswith(f"{room}.")):
+        for example in doctest.DocTestFinder(exclude_empty=True).find(importlib.import_module(name), name):
+            runner.run(example, out=said.append)
+    assert runner.failures == 0, "".join(said)
+
+
+def test_examples_are_found_in_compiled_and_in_plain_functions() -> None:
+    finder = doctest.DocTestFinder()
+
+    def examples(name: str) -> set[str]:
+        return {t.name for t in finder.find(importlib.import_module(name)) if t.examples}
+
+    assert "estimators.kernels.predict_covariance" in examples("estimators.kernels")
+    assert "fdd.measures.measure" in examples("fdd.measures")
+
+
+PAGE = ROOT / "docs" / "bounds.md"
+
+
+BOUNDS = {name: value for name, value in vars(bounds).items() if name.isupper() and name != "RAISABLE"}
+
+
+def test_the_page_says_what_the_module_says() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| ([\d,]+) \|", PAGE.read_text(encoding="utf-8"), flags=re.M)
+    assert {name: int(value.replace(",", "")) for name, value in rows} == bounds.RAISABLE | BOUNDS
+
+
+def test_every_bound_is_used() -> None:
+    sources = [p.read_text(encoding="utf-8") for p in (ROOT / "fdd").rglob("*.py") if p.name != "bounds.py"]
+    used = set(re.findall(r"[A-Z0-9_]+", "\n".join(sources)))
+    assert {*bounds.RAISABLE, *BOUNDS} <= used
+
+
+def log_of(path: Path, rows: int) -> Path:
+    pd.DataFrame({"time": np.arange(rows) * 1e-3, "position": 0.1}).to_parquet(path)
+    return path
+
+
+def test_numbers_beyond_the_bound_can_be_let_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = log_of(tmp_path / "a.parquet", 500)
+    monkeypatch.setenv("FDD_MAX_VALUES", "999")
+    with pytest.raises(InputError) as caught:
+        open_log(path)
+    assert "500 rows and 2 columns, at most 999" in str(caught.value)
+    assert "set FDD_MAX_VALUES=1000" in str(caught.value)
+    monkeypatch.setenv("FDD_MAX_VALUES", "1000")
+    assert open_log(path).read(["time"])["time"].size == 500
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_bytes_beyond_the_bound_can_be_let_in(
+    packed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = ("time,position\n" + "".join(f"{k * 1e-3},0.1\n" for k in range(500))).encode()
+    path = tmp_path / "a.csv"
+    path.write_bytes(gzip.compress(text) if packed else text)
+    monkeypatch.setenv("FDD_MAX_LOG_BYTES", str(len(text) - 1))
+    with pytest.raises(InputError, match="or, where memory allows, set FDD_MAX_LOG_BYTES="):
+        open_log(path).read(["time"])
+    monkeypatch.setenv("FDD_MAX_LOG_BYTES", str(len(text)))
+    assert open_log(path).read(["time"])["time"].size == 500
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "1e9", "x", "9" * 30, "٣"])
+def test_a_bound_that_is_no_number(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FDD_MAX_VALUES", text)
+    with pytest.raises(InputError, match=r"FDD_MAX_VALUES: .* is no whole number above 0"):
+        open_log(log_of(tmp_path / "a.parquet", 5))

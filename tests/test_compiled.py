@@ -24,40 +24,7 @@ COMPILING = {
     "fdd.sensors": ["fdd.sensors"],
 }
 MODULES = sorted(p for package in ("fdd", "estimators", "reports") for p in (ROOT / package).rglob("*.py"))
-
-FORCES = """
-import numpy as np
-from estimators.eha import layout, model as eha, noise
-from estimators.eha.forces import balance_forces as called
-x, P = np.zeros(eha.STATES), np.eye(eha.STATES)
-q, c = np.ones(1, eha.PARAMETERS)[0], np.zeros(1, noise.NOISE)[0]
-memory = np.zeros(1, layout.MEMORY)[0]
-x[eha.V], x[eha.P1], q.sliding_velocity, q.static_forward = 0.5, 2.0, 0.1, 2.0
-memory.slid, memory.direction = 1e3, 1.0
-called(x, P, 20.0, 1.0, q, c, memory)
-result = x[eha.LOAD]
-"""
-THIN = """
-import numpy as np
-from fdd.plant import conditions
-from fdd.plant.integrator import MEMORIES, thin as called
-from fdd.plant.details import Details
-from fdd.plant.load import NoLoad
-from fdd.plant.parameters import plant_parameters
-from fdd.unit import Unit
-now, par = np.ones((1, conditions.COLUMNS)), plant_parameters(Unit.load("axis_a"), Details(), NoLoad())
-called(now, 0, 40.0, np.array([[8.0, -3.1, 30.0]]), np.zeros(MEMORIES), 0, par)
-result = now[0, conditions.CROSS_LEAKAGE]
-"""
-SENSORS = """
-import numpy as np
-from estimators.eha import layout, model as eha
-from estimators.eha.redundancy import PAIRS, compare_sensors as called
-x, P, memory = np.zeros(eha.STATES), 1e-4 * np.eye(eha.STATES), np.zeros(1, layout.MEMORY)[0]
-memory.pairs = PAIRS - 1
-called(x, P, 10.0, 1e-4, memory)
-result = x[eha.ZERO]
-"""
+# Calls a compiled function of one package that holds one of another.
 CURVE = """
 import numpy as np
 from estimators.eha import model as eha
@@ -66,23 +33,13 @@ q = np.ones(1, eha.PARAMETERS)[0]
 q.static_forward = 2.0
 result = called(np.array([0.5]), q)[0]
 """
-# A program that calls a compiled function; then another module that is compiled into it, and an edit there.
-LEVEL = (
-    "estimators/eha/model.py",
-    "    level = coulomb + excess\n",
-    "    level = coulomb + 7.0 * excess\n",
-)
-EDITS = {
-    "called by the estimators": (FORCES, *LEVEL),
-    "called by the benchmark": (CURVE, *LEVEL),
-    "inlined by the plant": (
-        THIN,
-        "fdd/plant/laws.py",
-        "inner = intercept + ",
-        "inner = 1.01 * intercept + ",
-    ),
-    "a constant": (SENSORS, "estimators/eha/forces.py", "\nROBUST = 5.0", "\nROBUST = 7.0"),
-}
+COMPILED = """
+import numpy as np
+from pathlib import Path
+from typing import NamedTuple
+from estimators.compiled import compiler
+@compiler(Path(__file__).parent / "estimators")()
+"""
 
 
 @pytest.fixture
@@ -97,87 +54,56 @@ def installed(tmp_path: Path) -> Path:
 def run(installed: Path, program: str, **environment: str) -> tuple[float, int, str]:
     """What a new process computes, how often it found compiled code on disk, and what it complains of."""
     told = "\nprint(float(result), sum(called.stats.cache_hits.values()))"
-    plain = {
-        name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "NUMBA_CACHE_DIR")
-    }
+    plain = {name: v for name, v in os.environ.items() if name not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}
     done = subprocess.run(
-        [sys.executable, "-c", program + told],
-        cwd=installed,
-        env=plain | environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+        [sys.executable, "-c", program + told], cwd=installed, env=plain | environment, capture_output=True,
+        text=True, timeout=300,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     value, hits = done.stdout.split()
     return float(value), int(hits), done.stderr
 
 
-def uncompiled(installed: Path, program: str) -> float:
-    """What the sources say, by the interpreter alone."""
-    interpreted = program + "\nclass called:\n    class stats:\n        cache_hits = {}\n"
-    return run(installed, interpreted, NUMBA_DISABLE_JIT="1")[0]
-
-
-def replace(path: Path, old: str, new: str) -> None:
-    text = path.read_text("utf-8")
-    assert text.count(old) == 1, f"{path.name} changed: correct this test"
-    path.write_text(text.replace(old, new), "utf-8")
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("edit", EDITS)
-def test_an_edit_is_compiled_and_no_edit_is_not(edit: str, installed: Path, tmp_path: Path) -> None:
-    program, module, old, new = EDITS[edit]
-    kept = tmp_path / "kept"
+def test_an_edit_is_compiled_and_no_edit_is_not(installed: Path, tmp_path: Path) -> None:
+    kept = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    first, hits, _ = run(installed, CURVE, **kept)
+    assert hits == 0 and run(installed, CURVE, **kept)[:2] == (first, 1)
+    files = {path for path in (tmp_path / "kept").rglob("*") if path.is_file()}
 
-    first, hits, _ = run(installed, program, NUMBA_CACHE_DIR=str(kept))
-    assert hits == 0
-    assert run(installed, program, NUMBA_CACHE_DIR=str(kept))[:2] == (first, 1)
-    files = {path for path in kept.rglob("*") if path.is_file()}
-
-    replace(installed / module, old, new)
-    (installed / module).write_text(
-        "\n" + (installed / module).read_text("utf-8"), "utf-8"
-    )  # all lines shift
-    edited, hits, _ = run(installed, program, NUMBA_CACHE_DIR=str(kept))
-    assert hits == 0
-    assert edited != pytest.approx(first, rel=1e-4)
-    assert edited == pytest.approx(uncompiled(installed, program), rel=1e-9)
-    assert run(installed, program, NUMBA_CACHE_DIR=str(kept))[:2] == (edited, 1)
-    assert {path for path in kept.rglob("*") if path.is_file()} == files  # nothing old is left behind
+    module, old = installed / "estimators/eha/model.py", "    level = coulomb + excess\n"
+    text = module.read_text("utf-8")
+    assert text.count(old) == 1, "it changed: correct this test"
+    edit = old.replace("excess", "7.0 * excess")
+    module.write_text("\n" + text.replace(old, edit), "utf-8")  # all lines shift
+    edited, hits, _ = run(installed, CURVE, **kept)
+    assert hits == 0 and edited != pytest.approx(first, rel=1e-4)
+    interpreted = CURVE + "\nclass called:\n    class stats:\n        cache_hits = {}\n"
+    assert edited == pytest.approx(run(installed, interpreted, NUMBA_DISABLE_JIT="1")[0], rel=1e-9)
+    assert run(installed, CURVE, **kept)[:2] == (edited, 1)
+    assert {path for path in (tmp_path / "kept").rglob("*") if path.is_file()} == files, "nothing old is left"
 
 
 @pytest.mark.slow
 def test_where_sources_cannot_be_written_the_users_folder_serves(installed: Path, tmp_path: Path) -> None:
-    (installed / "fdd/plant/__pycache__").write_text("no folder, so nothing can be kept here")
-    user = {"XDG_CACHE_HOME": str(tmp_path / "user"), "HOME": str(tmp_path / "user")}
-    first, hits, said = run(installed, THIN, **user)
-    assert (hits, said) == (0, "")
-    assert run(installed, THIN, **user)[:2] == (first, 1)
-
-
-@pytest.mark.slow
-def test_where_nothing_can_be_written_it_says_so_and_compiles(installed: Path) -> None:
-    (installed / "fdd/plant/__pycache__").write_text("")
+    (installed / "halved.py").write_text(COMPILED + "def called(x):\n    return x / 2\n")
+    (installed / "__pycache__").write_text("no folder, so nothing can be kept here")
+    program = "from halved import called\nresult = called(3)"
+    for hits in (0, 1):
+        user = str(tmp_path / "user")
+        assert run(installed, program, XDG_CACHE_HOME=user, HOME=user) == (1.5, hits, "")
     (installed / "file").write_text("")
-    user = {"XDG_CACHE_HOME": str(installed / "file"), "HOME": str(installed / "file")}
+    nowhere = str(installed / "file")
     for _ in range(2):
-        value, hits, said = run(installed, THIN, **user)
-        assert value == pytest.approx(uncompiled(installed, THIN), rel=1e-9)
-        assert hits == 0
+        value, hits, said = run(installed, program, XDG_CACHE_HOME=nowhere, HOME=nowhere)
+        assert (value, hits) == (1.5, 0)
         assert said.count("set NUMBA_CACHE_DIR to a folder that can be written") == 1
 
 
 @pytest.mark.slow
 def test_a_file_of_another_signature_is_not_used(installed: Path, tmp_path: Path) -> None:
     """Numba numbers its files by an index that two processes may write at once."""
-    (installed / "halved.py").write_text(
-        "from pathlib import Path\n"
-        "from estimators.compiled import compiler\n"
-        "@compiler(Path(__file__).parent / 'estimators')()\n"
-        "def called(x):\n    return x / 2\n"
-    )
+    (installed / "halved.py").write_text(COMPILED + "def called(x):\n    return x / 2\n")
     kept = tmp_path / "kept"
     for argument, half in (("3", 1.5), ("5.0", 2.5)):
         program = f"from halved import called\nresult = called({argument})"
@@ -188,32 +114,19 @@ def test_a_file_of_another_signature_is_not_used(installed: Path, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_list_of_kept_code_that_names_a_type_that_is_gone_is_made_anew(
-    installed: Path, tmp_path: Path
-) -> None:
+def test_a_list_of_kept_code_with_a_type_that_is_gone_is_made_anew(installed: Path, tmp_path: Path) -> None:
     kept = {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
     for name, hits in (("Old", 0), ("New", 0), ("New", 1)):
-        (installed / "halved.py").write_text(
-            "from pathlib import Path\n"
-            "from typing import NamedTuple\n"
-            "from estimators.compiled import compiler\n"
-            f"class {name}(NamedTuple):\n    x: float\n"
-            "@compiler(Path(__file__).parent / 'estimators')()\n"
-            "def called(pair):\n    return pair.x / 2\n"
-        )
+        pair = f"class {name}(NamedTuple):\n    x: float\n"
+        (installed / "halved.py").write_text(COMPILED + f"def called(pair):\n    return pair.x / 2\n{pair}")
         program = f"from halved import called, {name}\nresult = called({name}(3.0))"
         assert run(installed, program, **kept)[:2] == (1.5, hits)
 
 
 @pytest.mark.slow
 def test_kept_code_runs_without_the_compiler_and_new_code_finds_it(installed: Path, tmp_path: Path) -> None:
-    (installed / "solved.py").write_text(
-        "from pathlib import Path\n"
-        "import numpy as np\n"
-        "from estimators.compiled import compiler\n"
-        "@compiler(Path(__file__).parent / 'estimators')()\n"
-        "def called(a, b):\n    return np.linalg.solve(a, b @ np.ones(2))\n"
-    )
+    solve = "def called(a, b):\n    return np.linalg.solve(a, b @ np.ones(2))\n"
+    (installed / "solved.py").write_text(COMPILED + solve)
     program = (
         "import sys, numba, numpy as np\n"
         "from solved import called\n"
@@ -250,11 +163,8 @@ def package_of(module: str) -> str:
 
 def foreign(tree: ast.Module) -> set[str]:
     """Modules of ours from which a module's compiled functions take a name."""
-    compiled = [
-        node
-        for node in tree.body
-        if isinstance(node, ast.FunctionDef) and any("njit" in ast.unparse(d) for d in node.decorator_list)
-    ]
+    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+    compiled = [f for f in functions if any("njit" in ast.unparse(d) for d in f.decorator_list)]
     used = {n.id for function in compiled for n in ast.walk(function) if isinstance(n, ast.Name)} - {"njit"}
     return {
         node.module
@@ -262,8 +172,7 @@ def foreign(tree: ast.Module) -> set[str]:
         if isinstance(node, ast.ImportFrom)
         and node.module
         and node.module.split(".")[0] in ("fdd", "estimators")
-        for alias in node.names
-        if (alias.asname or alias.name) in used
+        and {alias.asname or alias.name for alias in node.names} & used
     }
 
 

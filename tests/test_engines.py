@@ -53,6 +53,7 @@ def test_each_job_comes_back_once_with_its_number(over, tmp_path: Path, monkeypa
     assert {v[2] for v in found.values()} == {str(tmp_path)}, "relative paths mean what they mean here"
     alone = over.keywords["engine"] == "local" and over.keywords["workers"] == 1
     assert ({v[1] for v in found.values()} == {os.getpid()}) == alone
+    assert list(over(refuses, [])) == []
 
 
 def test_what_the_work_raises_is_raised_here(over) -> None:
@@ -60,10 +61,6 @@ def test_what_the_work_raises_is_raised_here(over) -> None:
         list(over(refuses, range(3)))
     assert str(told.value) == "log.csv: too short; record more" and told.value.mend == "record more"
     assert type(told.value) is InputError
-
-
-def test_no_jobs_are_no_work(over) -> None:
-    assert list(over(refuses, [])) == []
 
 
 def test_a_process_that_dies_is_told(over) -> None:

@@ -1,4 +1,4 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all; and the one line that a user reads when something is unusable."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from threading import Barrier
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fdd.errors import InputError
 from fdd.files import require_writable, whole_file, write_text
@@ -46,8 +48,10 @@ def test_nothing_has_the_name_until_it_is_whole(tmp_path: Path) -> None:
         assert not target.exists()
         with temporary.open("a") as more:
             more.write(" and half")
-    assert target.read_text() == "half and half"
-    assert list(tmp_path.iterdir()) == [target]
+    assert target.read_text() == "half and half" and list(tmp_path.iterdir()) == [target]
+    with pytest.raises(ZeroDivisionError), whole_file(target) as temporary:
+        temporary.unlink()  # hides no error
+        raise ZeroDivisionError
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, InputError])
@@ -61,16 +65,8 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path, error: type[BaseExcepti
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_writer_that_removes_its_file_hides_no_error(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), whole_file(tmp_path / "run.csv") as temporary:
-        temporary.unlink()
-        raise ZeroDivisionError
-
-
 @pytest.mark.parametrize("call", ["replace", "open"])
-def test_a_full_disk_is_one_line_that_names_the_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
-) -> None:
+def test_a_full_disk_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
     target = tmp_path / "run.csv"
 
     def full(*_: object, **__: object) -> None:
@@ -85,48 +81,36 @@ def test_a_full_disk_is_one_line_that_names_the_file(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_missing_folder_is_named(tmp_path: Path) -> None:
-    target = tmp_path / "no" / "run.csv"
-    with pytest.raises(InputError, match="no such folder") as caught, whole_file(target):
-        pass
-    assert str(target) in str(caught.value)
-    assert not target.parent.exists()
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("no/run.csv", "no such folder"),
+        ("", "is a folder"),
+        ("pipe", "device or pipe"),
+        ("n" * 300, "name too long"),
+    ],
+)
+def test_what_cannot_be_written_is_one_line(tmp_path: Path, name: str, problem: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    target = tmp_path / name
+    for attempt in (lambda: write_text(target, "x"), lambda: require_writable(target)):
+        with pytest.raises(InputError, match=problem) as caught:
+            attempt()
+        assert str(target) in str(caught.value) and len(str(caught.value).splitlines()) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["pipe"] and (tmp_path / "pipe").is_fifo()
 
 
-def test_a_folder_that_may_not_be_written_to_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_without_permission_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Patched rather than with chmod, which does not hold back a superuser.
     monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(InputError, match="permission denied") as caught, whole_file(tmp_path / "run.csv"):
+    with pytest.raises(InputError, match=r"run\.csv: .*permission denied"), whole_file(tmp_path / "run.csv"):
         pass
-    assert str(tmp_path / "run.csv") in str(caught.value)
-
-
-def test_a_folder_is_not_written_over(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a folder"):
-        write_text(tmp_path, "x")
-    assert tmp_path.is_dir()
-
-
-def test_a_pipe_is_not_written_over(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InputError, match="device or pipe"):
-        write_text(tmp_path / "pipe", "x")
-    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
 
 
 @pytest.mark.parametrize("name", ["n" * 255, "ü" * 127])
 def test_the_longest_names_are_written(tmp_path: Path, name: str) -> None:
     write_text(tmp_path / name, "x")
     assert [f.name for f in tmp_path.iterdir()] == [name]
-
-
-def test_a_name_too_long_for_the_disk_is_one_line(tmp_path: Path) -> None:
-    for attempt in (lambda p: write_text(p, "x"), require_writable):
-        with pytest.raises(InputError, match="name too long"):
-            attempt(tmp_path / ("n" * 300))
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_writers_at_the_same_time_do_not_clash(tmp_path: Path) -> None:
@@ -146,3 +130,21 @@ def test_writers_at_the_same_time_do_not_clash(tmp_path: Path) -> None:
     text = target.read_text()
     assert text in {str(k) * 100_000 for k in range(writers)}
     assert list(tmp_path.iterdir()) == [target]
+
+
+text = st.text(alphabet=st.characters(codec="utf-8"), max_size=60)
+
+
+def test_the_line_names_place_problem_and_mend_in_that_order() -> None:
+    error = InputError("row 7 is not a number", where=Path("logs/a.csv"), mend="correct that row")
+    assert str(error) == "logs/a.csv: row 7 is not a number; correct that row"
+    parts = ("logs/a.csv", "row 7 is not a number", "correct that row")
+    assert (error.where, error.problem, error.mend) == parts
+    inner = InputError("not a number", where="pump.displacement", mend="correct that field")
+    assert str(inner.at("unit.yaml")) == "unit.yaml: pump.displacement: not a number; correct that field"
+    assert str(InputError("empty").at("unit.yaml")) == "unit.yaml: empty"
+
+
+@given(text, st.none() | text, st.none() | text)
+def test_always_one_line_whatever_it_quotes(problem: str, where: str | None, mend: str | None) -> None:
+    assert len(str(InputError(problem, where=where, mend=mend)).splitlines()) <= 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 
 import pytest
 from hypothesis import given
@@ -68,18 +67,6 @@ def test_fixed_points_of_temperature(name: str, value: float, celsius: float) ->
     assert m.factor * value + m.offset == pytest.approx(celsius, abs=1e-10)
 
 
-def test_only_temperature_has_an_offset() -> None:
-    assert {m.dimension for m in MEASURES.values() if m.offset} == {"temperature"}
-
-
-@given(st.sampled_from(sorted(MEASURES)), st.floats(-1e6, 1e6))
-def test_there_and_back(name: str, value: float) -> None:
-    m = MEASURES[name]
-    there = m.factor * value + m.offset
-    back = (Fraction(there) - Fraction(m.offset)) / Fraction(m.factor)
-    assert float(back) == pytest.approx(value, rel=1e-12, abs=1e-10)
-
-
 @pytest.mark.parametrize("channel", [c for c in CHANNELS.values() if c.name != "oil_temperature"])
 def test_a_channels_own_unit_is_si(channel: object) -> None:
     unit, dimension = channel.unit, channel.dimension  # type: ignore[attr-defined]
@@ -87,19 +74,11 @@ def test_a_channels_own_unit_is_si(channel: object) -> None:
     assert (found.factor, found.offset) == (1.0, 0.0)
 
 
-def test_spaces_around_a_name_do_not_matter() -> None:
+def test_unknown_names_and_wrong_dimensions_are_told_with_what_would_fit() -> None:
     assert measure(" bar ") is MEASURES["bar"]
-
-
-def test_unknown_name_lists_those_of_the_dimension() -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=r"^unknown unit 'blurp'; use one of: m, cm, mm") as caught:
         measure("blurp", "length")
-    line = str(caught.value)
-    assert line.startswith("unknown unit 'blurp'; use one of: m, cm, mm")
-    assert "bar" not in line
-
-
-def test_wrong_dimension_says_both_and_what_would_fit() -> None:
+    assert "bar" not in str(caught.value)
     with pytest.raises(InputError, match=r"'bar' measures pressure, not length; use one of: m, cm"):
         measure("bar", "length")
 

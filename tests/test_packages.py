@@ -1,8 +1,10 @@
-"""What packages add to the catalogue, and what becomes of those that cannot be used."""
+"""What packages add to the catalogue, what becomes of those that cannot be used, and the example package."""
 
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -101,12 +103,6 @@ def test_a_package_that_cannot_be_imported_is_told_in_one_line(tmp_path: Path) -
     )
 
 
-def test_nothing_is_looked_for_until_a_command_needs_the_catalogue() -> None:
-    program = "import sys, fdd, fdd.cli.app; print('fdd.packages' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
-    assert done.stdout.split()[-1] == "False", done.stderr
-
-
 def in_the_catalogue(monkeypatch: pytest.MonkeyPatch, entry: Fault) -> None:
     monkeypatch.setitem(CATALOGUE, entry.id, entry)
     monkeypatch.setitem(fdd.faults.ADDED_BY, entry.id, "made-up 1.0")
@@ -153,3 +149,50 @@ def test_a_model_knows_the_faults_that_it_has_learnt(monkeypatch) -> None:
     # One of before does not say; it has the same text, and so the same hash in every answer.
     before = shipped.model_copy(update={"faults": None})
     assert before.knows("aeration") and not before.knows("made_up") and "faults" not in before.model_dump()
+
+
+ROOT = Path(__file__).parents[1]
+EXAMPLE = ROOT / "examples" / "fdd_example"
+FAULT = "piston_seal_extrusion"
+OVER_THE_CATALOGUE = ("faults/test_catalogue.py", "faults/test_signatures.py", "plant/test_injection.py")
+
+
+def installed(source: Path, folder: Path) -> Path:
+    """Folder of site packages with the package in it, built without network."""
+    options = ["--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    command = [sys.executable, "-m", "pip", "install", *options, "--target", folder / "site", source]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return folder / "site"
+
+
+def copy_of(folder: Path) -> Path:
+    """The example's sources; building writes beside them."""
+    left = shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
+    return Path(shutil.copytree(EXAMPLE, folder / "source", ignore=left))
+
+
+def pytest_on(site: Path, *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-rA", *map(str, arguments)]
+    environment = {**os.environ, "PYTHONPATH": str(site), "OPENBLAS_NUM_THREADS": "1"}
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=900)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("package")
+    return installed(copy_of(folder), folder)
+
+
+@pytest.mark.slow
+def test_its_own_tests_pass(site: Path) -> None:
+    done = pytest_on(site, site.parent / "source" / "tests", cwd=site.parent)
+    assert done.returncode == 0, done.stdout[-4000:]
+
+
+@pytest.mark.slow
+def test_the_tests_over_the_catalogue_take_its_fault(site: Path) -> None:
+    done = pytest_on(site, *(f"tests/{name}" for name in OVER_THE_CATALOGUE), cwd=ROOT)
+    assert done.returncode == 0, done.stdout[-4000:]
+    for name in OVER_THE_CATALOGUE:
+        assert re.search(rf"PASSED tests/{re.escape(name)}.*{FAULT}", done.stdout), name

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -103,12 +101,6 @@ def test_blocks_partition_the_log(s: Samples, size: int) -> None:
     assert all(0 < len(b) <= size for b in blocks)
     if blocks:
         same(Samples.concatenate(blocks), s)
-
-
-@given(samples(), st.lists(st.integers(0, 60), max_size=5))
-def test_any_cuts_join_again(s: Samples, cuts: list[int]) -> None:
-    edges = [0, *sorted(min(c, len(s)) for c in cuts), len(s)]
-    same(Samples.concatenate([s.rows(a, b) for a, b in pairwise(edges)]), s)
 
 
 def test_a_channel_that_a_block_lacks_is_missing_there() -> None:

@@ -40,6 +40,7 @@ STATIC = {
     "axis_b": ((467.7, 48.0), (479.2, 43.9)),
 }
 RATE = "monitoring.false_alarms_per_hour"
+AXIS_A = Unit.load("axis_a").to_yaml()
 
 
 def field(unit: Unit, path: str) -> float:
@@ -51,13 +52,12 @@ def field(unit: Unit, path: str) -> float:
 
 def edited(path: str, value: Any) -> str:
     """Axis A's profile with one entry replaced."""
-    data = yaml.safe_load(Unit.load("axis_a").to_yaml())
-    part = data
+    part = data = yaml.load(AXIS_A, yaml.CSafeLoader)
     *parents, last = path.split(".")
     for name in parents:
         part = part[name]
     part[last] = value
-    return yaml.safe_dump(data, allow_unicode=True)
+    return yaml.dump(data, Dumper=yaml.CSafeDumper, allow_unicode=True)
 
 
 def refused(text: str, where: str = "mine.yaml") -> str:
@@ -70,51 +70,38 @@ def refused(text: str, where: str = "mine.yaml") -> str:
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_numbers_of_table_4_21(axis: str) -> None:
+def test_numbers_of_table_4_21_and_leakage_of_section_5_2(axis: str) -> None:
     unit = Unit.load(axis)
     assert {path: field(unit, path) for path in BOTH} == pytest.approx(BOTH, rel=1e-12)
+    assert unit.pump.total_leakage == pytest.approx(LEAKAGE[axis], rel=1e-9)
+    assert unit.pump.cross_port_leakage + unit.pump.case_leakage / 2 == unit.pump.total_leakage  # eq 3.50
+    # The parts of eq 4.10 add up to 1.84e-3; Table 4.21 prints 1.98e-3, the text 1.98e-4.
+    assert unit.drive.inertia == pytest.approx(1.84e-3)
 
 
 @pytest.mark.parametrize("axis", AXES)
-def test_leakage_is_that_of_section_5_2(axis: str) -> None:
-    pump = Unit.load(axis).pump
-    assert pump.total_leakage == pytest.approx(LEAKAGE[axis], rel=1e-9)
-    assert pump.cross_port_leakage + pump.case_leakage / 2 == pump.total_leakage  # eq 3.50
-
-
-@pytest.mark.parametrize(("axis", "direction"), FRICTION)
-def test_friction_of_table_5_2(axis: str, direction: str) -> None:
-    branch = getattr(Unit.load(axis).friction, direction)
-    names = ("coulomb", "static", "stribeck_velocity", "stribeck_exponent", "viscous")
-    found = [getattr(branch, name) for name in names]
-    assert found == pytest.approx(list(FRICTION[axis, direction]), rel=1e-12)
-
-
-@pytest.mark.parametrize("axis", AXES)
-def test_static_friction_and_its_spread_of_table_5_1(axis: str) -> None:
+def test_friction_of_tables_5_1_and_5_2(axis: str) -> None:
     friction = Unit.load(axis).friction
+    names = ("coulomb", "static", "stribeck_velocity", "stribeck_exponent", "viscous")
+    for direction in ("forward", "reverse"):
+        found = [getattr(getattr(friction, direction), name) for name in names]
+        assert found == pytest.approx(list(FRICTION[axis, direction]), rel=1e-12)
     (forward, forward_std), (reverse, reverse_std) = STATIC[axis]
-    # Tables 5.1 and 5.2 differ by 0.2 N for A forward.
-    assert friction.forward.static == pytest.approx(forward, abs=0.25)
-    assert friction.reverse.static == pytest.approx(reverse, abs=0.25)
-    assert friction.trial_spread == pytest.approx(
-        (forward_std / forward + reverse_std / reverse) / 2, abs=1e-3
-    )
+    # The tables differ by 0.2 N for A forward.
+    assert (friction.forward.static, friction.reverse.static) == pytest.approx((forward, reverse), abs=0.25)
+    spread = (forward_std / forward + reverse_std / reverse) / 2
+    assert friction.trial_spread == pytest.approx(spread, abs=1e-3)
 
 
-@pytest.mark.parametrize("axis", AXES)
-def test_linear_model_of_eq_5_23_to_5_26(axis: str) -> None:
+@pytest.mark.parametrize(("axis", "leak"), [("axis_a", 1.27), ("axis_b", 0.83)])
+def test_linear_model_of_eq_5_23_to_5_26(axis: str, leak: float) -> None:
     """A·β·Dp/(V_o·M) = 44.64 recomputes, and L_T·β/V_o is 1.27 and 0.83."""
     unit = Unit.load(axis)
     v_o = unit.cylinder.volume_1 / 2  # each side holds 2 V_o
     beta, area = unit.oil.bulk_modulus, unit.cylinder.area_1
-    assert area * beta * unit.pump.displacement / (v_o * unit.cylinder.moving_mass) == pytest.approx(
-        44.64, abs=0.01
-    )
-    expected = {"axis_a": 1.27, "axis_b": 0.83}[axis]
-    assert unit.pump.total_leakage * beta / v_o == pytest.approx(expected, abs=0.005)
-    # The parts of eq 4.10 add up to 1.84e-3; Table 4.21 prints 1.98e-3, the text 1.98e-4.
-    assert unit.drive.inertia == pytest.approx(1.84e-3)
+    gain = area * beta * unit.pump.displacement / (v_o * unit.cylinder.moving_mass)
+    assert gain == pytest.approx(44.64, abs=0.01)
+    assert unit.pump.total_leakage * beta / v_o == pytest.approx(leak, abs=0.005)
 
 
 def test_the_thesiss_accumulator_is_a_variant_of_axis_a() -> None:
@@ -149,15 +136,6 @@ def test_shipped_profile_survives_yaml(axis: str) -> None:
     # One false alarm in ten hours, in 1/s, has no eight digits that are exact.
     assert field(again, RATE) == pytest.approx(field(unit, RATE), rel=1e-7)
     assert again.to_yaml() == unit.to_yaml()
-
-
-@pytest.mark.parametrize("value", [0.5, {"value": 0.5}, {"value": 0.5, "unit": "1/h"}])
-def test_false_alarms_are_told_per_hour(value: Any) -> None:
-    unit = Unit.from_yaml(edited(RATE, value))
-    assert field(unit, RATE) == pytest.approx(0.5 / 3600.0)
-    assert "value: 0.5, unit: 1/h" in unit.to_yaml()
-    with pytest.raises(InputError, match="false_alarms_per_hour"):
-        Unit.from_yaml(edited(RATE, 61.0))
 
 
 positive = st.floats(1e-15, 1e12, allow_subnormal=False)
@@ -198,6 +176,8 @@ def test_any_numbers_survive_yaml(
         ("oil.reference_temperature", {"value": 313.15, "unit": "K", "std": 2}, 40.0, 2.0),
         ("drive.max_speed", {"value": 3000, "unit": "rpm"}, 314.1592653589793, None),
         (RATE, {"value": 36, "unit": "1/h"}, 0.01, None),
+        (RATE, {"value": 36}, 0.01, None),
+        (RATE, 36, 0.01, None),  # a bare one is per hour
         ("oil.viscosity_40", {"value": 46, "unit": "cSt"}, 46e-6, None),
         ("oil.air_fraction", {"value": 0.5, "unit": "%"}, 0.005, None),
         ("oil.bulk_modulus", 1.9e8, 1.9e8, None),
@@ -208,6 +188,7 @@ def test_units_of_measure_become_si(path: str, entry: Any, si: float, std: float
     assert field(unit, path) == pytest.approx(si, rel=1e-12)
     section = getattr(unit, path.split(".")[0])
     assert section.std_of(path.split(".")[1]) == (None if std is None else pytest.approx(std))
+    assert field(Unit.from_yaml(unit.to_yaml()), path) == pytest.approx(si, rel=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -225,6 +206,7 @@ def test_units_of_measure_become_si(path: str, entry: Any, si: float, std: float
         ("pump.displacement", {"value": 1e-6, "source": 3}, "source"),
         ("pump.displacement", {"value": 1e-6, "sauce": "x"}, "sauce"),
         ("pump.wear", 1.0, "wear"),
+        (RATE, 61.0, "false_alarms_per_hour"),
         ("pump", 7, "pump"),
         ("oil.air_fraction", 0.5, "less than or equal to 0.2"),
         ("oil.bulk_modulus", float("inf"), "bulk_modulus"),
@@ -249,12 +231,6 @@ def test_refused_in_one_line_that_names_file_and_field(path: str, entry: Any, sa
     assert path.split(".")[-1] in line
 
 
-def test_a_missing_part_is_named() -> None:
-    data = yaml.safe_load(Unit.load("axis_a").to_yaml())
-    del data["pump"]["displacement"]
-    assert "pump.displacement" in refused(yaml.safe_dump(data))
-
-
 @example("schema: fdd.unit/2")
 @given(st.text(max_size=200))
 def test_any_text_is_refused_in_one_line(text: str) -> None:
@@ -272,12 +248,6 @@ def test_loading_twice_gives_separate_units() -> None:
     first = Unit.load("axis_a")
     first.pump.displacement = 1.0
     assert Unit.load("axis_a").pump.displacement == pytest.approx(5.57e-7)
-
-
-def test_saved_and_loaded(tmp_path: Path) -> None:
-    unit = Unit.load("axis_b")
-    unit.save(tmp_path / "unit.yaml")
-    assert Unit.load(tmp_path / "unit.yaml").to_yaml() == unit.to_yaml()
 
 
 def test_a_sensor_of_an_older_profile_reads_as_it_did() -> None:

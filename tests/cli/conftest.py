@@ -48,15 +48,13 @@ def tiny_model_file(tiny_model: Model, tmp_path_factory: pytest.TempPathFactory)
     return path
 
 
-def one_line(result: Result, *words: str) -> None:
+@pytest.fixture(scope="session")
+def one_line():
     """The contract's way to refuse: status 2 and one line that names what is wrong."""
-    assert result.exit_code == 2, (result.exit_code, result.stdout, result.stderr)
-    lines = result.stderr.splitlines()
-    assert len(lines) == 1 and lines[0].startswith("fdd: error: "), result.stderr
-    for word in words:
-        assert word in lines[0]
 
+    def check(result: Result, *words: str) -> None:
+        assert result.exit_code == 2, (result.exit_code, result.stdout, result.stderr)
+        (line,) = result.stderr.splitlines()
+        assert line.startswith("fdd: error: ") and all(word in line for word in words), line
 
-@pytest.fixture(scope="session", name="one_line")
-def one_line_fixture():
-    return one_line
+    return check

@@ -24,24 +24,22 @@ FILE: dict[str, Any] = {
 }
 
 
-class Rig:
-    """Stands for the plant: keeps what it was asked to run."""
-
-    def __init__(self) -> None:
-        self.asked: list[tuple[Unit, Scenario, Unit | None]] = []
-        self.written: list[Path] = []
-
-    def write(self, out: Path, unit: Unit, scenario: Scenario, *, partner: Unit | None, **_: object) -> None:
-        self.asked.append((unit, scenario, partner))
-        self.written.append(out)
-
-
 @pytest.fixture
-def rig(monkeypatch: pytest.MonkeyPatch) -> Rig:
-    # What is tested here is what the plant is asked for; the plant itself has its own tests.
-    made = Rig()
-    monkeypatch.setattr("fdd.plant.to_file.write_simulation", made.write)
-    return made
+def asked(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run the command, in place of the plant, which has its own tests; gives what that was asked to run."""
+    kept: list[tuple[Unit, Scenario, Unit | None]] = []
+
+    def write(out: Path, unit: Unit, scenario: Scenario, *, partner: Unit | None, **_: object) -> None:
+        assert out == tmp_path / "run.mcap"
+        kept.append((unit, scenario, partner))
+
+    def ask(*arguments: object) -> tuple[Unit, Scenario, Unit | None]:
+        result = run("simulate", "-o", tmp_path / "run.mcap", *arguments)
+        assert result.exit_code == 0, result.stderr
+        return kept.pop()
+
+    monkeypatch.setattr("fdd.plant.to_file.write_simulation", write)
+    return ask
 
 
 @pytest.fixture
@@ -51,28 +49,21 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def asked(rig: Rig, run: Any, tmp_path: Path, *arguments: object) -> tuple[Unit, Scenario, Unit | None]:
-    result = run("simulate", "-o", tmp_path / "run.mcap", *arguments)
-    assert result.exit_code == 0, result.stderr
-    return rig.asked[-1]
-
-
-def test_without_options_it_is_a_scenarios_defaults(rig, run, tmp_path) -> None:
-    unit, scenario, partner = asked(rig, run, tmp_path)
+def test_a_scenario_is_the_defaults_or_that_of_a_file_which_can_be_kept(asked, file, tmp_path) -> None:
+    unit, scenario, partner = asked()
     assert unit.name == "axis_a" and partner is None and scenario == Scenario()
-    assert rig.written == [tmp_path / "run.mcap"]
-
-
-def test_a_scenario_from_a_file_is_run_as_it_stands(rig, run, tmp_path, file) -> None:
-    unit, scenario, partner = asked(rig, run, tmp_path, "--scenario", file)
+    unit, scenario, partner = asked("--scenario", file)
     assert (unit.name, partner.name) == ("axis_b", "axis_a")
     assert scenario == load_scenario(file) == Scenario(**{k: v for k, v in FILE.items() if k != "schema"})
-    assert rig.written == [tmp_path / "run.mcap"], "both axes in one file"
+    again = tmp_path / "again.yaml"
+    for text in (scenario_yaml(scenario), scenario.model_dump_json()):  # the latter travels with a log
+        again.write_text(text, encoding="utf-8")
+        assert load_scenario(again) == scenario
 
 
-def test_options_override_the_file_and_leave_the_rest(rig, run, tmp_path, file) -> None:
+def test_options_override_the_file_and_leave_the_rest(asked, file) -> None:
     unit, scenario, partner = asked(
-        rig, run, tmp_path, "--scenario", file, "--unit", "axis_a", "--seed", 8, "--control", "speed",
+        "--scenario", file, "--unit", "axis_a", "--seed", 8, "--control", "speed",
         "--partner", "axis_b:power=0", "--valve", "b.throttle=0.5", "--valve", "bypass=0.1",
         "--fault", "aeration:severity=0.2,axis=2", "--perfect",
     )  # fmt: skip
@@ -89,18 +80,9 @@ def test_options_override_the_file_and_leave_the_rest(rig, run, tmp_path, file) 
     assert scenario.recording.dropped == 0.0
 
 
-def test_a_scenario_can_be_kept_as_a_file(tmp_path, file) -> None:
-    scenario = load_scenario(file)
-    again = tmp_path / "again.yaml"
-    again.write_text(scenario_yaml(scenario), encoding="utf-8")
-    assert load_scenario(again) == scenario
-    again.write_text(scenario.model_dump_json(), encoding="utf-8")  # as it travels with a log
-    assert load_scenario(again) == scenario
-
-
-def test_valves_by_name_on_their_axis(rig, run, tmp_path) -> None:
+def test_valves_by_name_on_their_axis(asked) -> None:
     _, scenario, _ = asked(
-        rig, run, tmp_path, "--partner", "axis_b", "--valve", "connect_1=1", "--valve", "connect_2=0:0/5:1",
+        "--partner", "axis_b", "--valve", "connect_1=1", "--valve", "connect_2=0:0/5:1",
         "--valve", "a.throttle=0.25", "--valve", "b.external_leakage=0:0/3:0/3:1",
         "--valve", "b.external_leakage_side=2", "--valve", "b.blocked=true", "--valve", "b.bypass=1",
         "--valve", "gas_charge=3e5",
@@ -112,10 +94,10 @@ def test_valves_by_name_on_their_axis(rig, run, tmp_path) -> None:
     assert other.blocked and other.bypass.most == 1.0 and other.accumulators is None
 
 
-def test_levels_are_written_on_the_command_line(rig, run, tmp_path) -> None:
-    _, scenario, _ = asked(rig, run, tmp_path, "--profile", "levels:points=0:0.02/5:-0.02")
+def test_levels_are_written_on_the_command_line(asked) -> None:
+    _, scenario, _ = asked("--profile", "levels:points=0:0.02/5:-0.02")
     assert scenario.duty.points.points == ((0.0, 0.02), (5.0, -0.02))
-    _, scenario, _ = asked(rig, run, tmp_path, "--profile", "constant_speed:speeds=60/120")
+    _, scenario, _ = asked("--profile", "constant_speed:speeds=60/120")
     assert scenario.control.mode == "speed" and scenario.duty.speeds == (60.0, 120.0)
 
 

@@ -111,6 +111,16 @@ def test_late_rows_are_left_out_and_counted() -> None:
     assert "late or repeated lines left out: 3" in parser.quality().notes
 
 
+def test_the_time_of_day_is_counted_from_the_start_and_one_wild_stamp_moves_the_rest_little() -> None:
+    parser = LineParser()
+    block = parser.samples(steady(1.7e9, 50))
+    assert block.time[0] == 0.0 and abs(block.time[-1] - 0.049) < 1e-6 and parser.clock.offset == -1.7e9
+    rows = steady(0.0, 100)
+    rows[50] = line(time=1e12, position=0.0)
+    block = LineParser().samples(rows)
+    assert len(block) == 100 and block.time[-1] < 0.1 + 2 * CLOCK_GAP_S
+
+
 @pytest.mark.parametrize("restart", [0.0, 1e9])
 def test_a_clock_that_was_set_is_followed(restart: float) -> None:
     parser = LineParser()
@@ -122,21 +132,6 @@ def test_a_clock_that_was_set_is_followed(restart: float) -> None:
     assert np.isclose(steps.max(), CLOCK_GAP_S)
     assert parser.quality().time_jumps == 1
     assert any("the clock was set" in r for r in parser.remarks())
-
-
-def test_one_wild_stamp_does_not_move_the_rest_far() -> None:
-    parser = LineParser()
-    rows = steady(0.0, 100)
-    rows[50] = line(time=1e12, position=0.0)
-    block = parser.samples(rows)
-    assert len(block) == 100 and block.time[-1] < 0.1 + 2 * CLOCK_GAP_S
-
-
-def test_the_time_of_day_is_counted_from_the_start() -> None:
-    parser = LineParser()
-    block = parser.samples(steady(1.7e9, 50))
-    assert block.time[0] == 0.0 and abs(block.time[-1] - 0.049) < 1e-6
-    assert parser.clock.offset == -1.7e9
 
 
 def test_dropped_rows_are_counted() -> None:
@@ -163,14 +158,19 @@ def test_unknown_names_are_told_once_and_bounded() -> None:
 
 def test_a_map_names_and_converts() -> None:
     mapped = ChannelMap.from_yaml(
-        "time: {column: t, unit: ms}\nposition: {column: x, unit: mm, sign: -1}\n"
+        "time: {column: t, unit: ms}\nposition: {column: x, unit: mm, sign: -1, sign_of: d}\n"
         "pump_speed: {column: rpm, unit: rpm}\npump_angle: {from: pump_speed}"
     )
-    block = LineParser(mapped).samples([line(t=5.0, x=20.0, rpm=60.0)])
+    rows = [
+        line(t=5.0, x=20.0, d=1, rpm=60.0),
+        line(t=6.0, x=20.0, d=-2, rpm=60.0),
+        line(t=7.0, x=20.0, rpm=60.0),
+    ]
+    block = LineParser(mapped).samples(rows)
     assert block.channels == ("position", "pump_speed")
-    assert block.time[0] == pytest.approx(0.005)
-    assert block["position"][0] == pytest.approx(-0.02)
-    assert block["pump_speed"][0] == pytest.approx(2 * np.pi)
+    np.testing.assert_allclose(block.time, [0.005, 0.006, 0.007])
+    np.testing.assert_allclose(block["position"], [-0.02, 0.02, 0.02])  # a sign holds until the next
+    np.testing.assert_allclose(block["pump_speed"], 2 * np.pi)
 
 
 @pytest.mark.parametrize(

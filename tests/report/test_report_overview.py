@@ -1,4 +1,4 @@
-"""The page and the table over many answers, read back as a browser and a spreadsheet would."""
+"""The page and the table over many answers; decimation, by which no spike and no gap is ever lost."""
 
 from __future__ import annotations
 
@@ -6,15 +6,29 @@ import base64
 import csv
 import hashlib
 import io
+import itertools
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from pages import EVIL, Page
 
 from fdd.diagnosis.findings import Diagnosis
+from fdd.report.decimate import (
+    KEPT_PER_BUCKET,
+    break_at_gaps,
+    bucket_means,
+    decimate,
+    envelope,
+    intervals,
+)
 from fdd.report.overview import COLUMNS, Row, render_index, summary_csv
+from fdd.report.traces import on_grid, packed
 
 
 @pytest.fixture
@@ -45,17 +59,13 @@ def test_the_worst_stands_first(rows: list[Row]) -> None:
     assert len([1 for tag, _ in page.tags if tag == "button"]) == 8, "every column can be sorted by"
 
 
-def test_the_policy_lets_only_the_pages_own_script_run(rows: list[Row]) -> None:
-    page = Page(render_index(rows))
-    policy = next(c for c in page.attributes("content") if "default-src" in c)
-    (script,) = page.scripts
+def test_the_policy_lets_only_the_pages_own_script_run_and_text_from_logs_stays_text(rows: list[Row]) -> None:
+    plain = Page(render_index(rows))
+    policy = next(c for c in plain.attributes("content") if "default-src" in c)
+    (script,) = plain.scripts
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert policy.split("script-src ")[1].split(";")[0] == f"'sha256-{digest}'"
-    assert page.attributes("src", "srcset") == []
-
-
-def test_text_from_logs_stays_text(rows: list[Row]) -> None:
-    plain = Page(render_index(rows))
+    assert plain.attributes("src", "srcset") == []
     for row in rows:
         row.answer.unit = EVIL
     rows[0].answer.log = rows[1].answer.faults[0].fault = EVIL
@@ -85,3 +95,93 @@ def test_no_cell_is_a_formula(rows: list[Row]) -> None:
     rows[1].answer.unit = "@SUM(1)"
     cells = list(csv.reader(io.StringIO(summary_csv(rows).removeprefix("\ufeff"))))
     assert cells[1][0] == "'=HYPERLINK(1)" and cells[2][1] == "'@SUM(1)"
+
+
+signals = arrays(
+    np.float64,
+    st.integers(1, 700),
+    elements=st.one_of(st.floats(-1e6, 1e6), st.just(float("nan")), st.just(0.0)),
+)
+
+
+@given(values=signals, buckets=st.integers(1, 60))
+@settings(max_examples=200, deadline=None)
+def test_every_sample_lies_within_what_is_kept_nearby_and_ends_and_gaps_are_kept(
+    values: np.ndarray, buckets: int
+) -> None:
+    time = np.arange(values.size, dtype=float)
+    kept_time, kept = decimate(time, values, buckets)
+    assert kept.size <= max(4 * buckets, KEPT_PER_BUCKET * buckets)
+    assert (np.diff(kept_time) > 0).all() and (kept_time[0], kept_time[-1]) == (time[0], time[-1])
+    np.testing.assert_array_equal(kept, values[kept_time.astype(int)])
+    size = -(-values.size // buckets)
+    for at in np.flatnonzero(np.isfinite(values)):
+        near = kept[np.abs(kept_time - at) < size]
+        assert np.nanmin(near) <= values[at] <= np.nanmax(near)
+    assert np.isnan(kept).any() == np.isnan(values).any()
+
+
+def test_small_signals_are_left_alone_and_shares_still_sum_to_one_after_averaging() -> None:
+    time = np.arange(40.0)
+    assert decimate(time, time, 10)[1] is time
+    reduced = bucket_means(np.random.default_rng(3).dirichlet(np.ones(5), 4321), 100)
+    assert reduced.shape[0] <= 100
+    np.testing.assert_allclose(reduced.sum(axis=1), 1.0)
+    np.testing.assert_allclose(bucket_means(np.arange(6.0), 3), [0.5, 2.5, 4.5])
+
+
+@given(values=signals, buckets=st.integers(2, 60))
+@settings(max_examples=100, deadline=None)
+def test_envelope_covers_the_band(values: np.ndarray, buckets: int) -> None:
+    time = np.arange(values.size, dtype=float)
+    mid, low, high = envelope(time, values - 1.0, values + 1.0, buckets)
+    assert mid.size == low.size == high.size <= max(buckets, 1)
+    assert (np.diff(mid) > 0).all()
+    if np.isfinite(values).any():
+        assert np.nanmin(low) == np.nanmin(values) - 1.0
+        assert np.nanmax(high) == np.nanmax(values) + 1.0
+    else:
+        assert np.isnan(low).all()
+
+
+def test_a_hole_in_time_breaks_the_line_once() -> None:
+    time = np.concatenate((np.arange(0.0, 10.0, 0.001), np.arange(11.0, 20.0, 0.001)))
+    broken_time, broken = break_at_gaps(time, np.ones(time.size))
+    assert np.isnan(broken).sum() == 1
+    assert 10.0 < broken_time[np.isnan(broken)][0] < 11.0
+    assert (np.diff(broken_time) > 0).all()
+    jitter = time[:5000] + np.random.default_rng(5).uniform(0.0, 9e-4, 5000)
+    assert break_at_gaps(jitter, np.ones(5000))[1].size == 5000
+
+
+@given(arrays(np.bool_, st.integers(1, 400)), st.integers(2, 20))
+@settings(max_examples=100, deadline=None)
+def test_intervals_cover_the_mask_and_are_few(mask: np.ndarray, at_most: int) -> None:
+    time = np.arange(mask.size, dtype=float)
+    found = intervals(time, mask, at_most)
+    assert len(found) <= at_most
+    assert all(any(a <= t <= b for a, b in found) for t in time[mask])
+    assert all(a[1] < b[0] for a, b in itertools.pairwise(found))
+    if not mask.any():
+        assert found == []
+
+
+def test_packed_numbers_keep_six_digits() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=10_000) * 10.0 ** rng.uniform(-6, 6, 10_000)
+    values[::100] = np.nan
+    values[1::100] = np.inf
+    out = packed(values)
+    back = np.frombuffer(base64.b64decode(out["bdata"]), f"<{out['dtype']}")
+    np.testing.assert_allclose(back, values, rtol=6e-7)
+    epoch = 1.7e9 + np.arange(1000) * 1e-3
+    out = packed(epoch)
+    back = np.frombuffer(base64.b64decode(out["bdata"]), f"<{out['dtype']}")
+    np.testing.assert_array_equal(back, epoch)
+
+
+def test_times_keep_their_order_and_ends() -> None:
+    time = np.sort(np.random.default_rng(4).uniform(5.0, 3600.0, 5_000))
+    drawn = on_grid(time)
+    assert (np.diff(drawn) >= 0.0).all()
+    assert np.abs(drawn - time).max() < np.ptp(time) * 1e-5

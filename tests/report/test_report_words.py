@@ -17,17 +17,23 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def test_a_fault_in_one_line(case: Callable[..., Any]) -> None:
-    words = verdict_words(case("faulty", rows=60_000).diagnosis)
+    diagnosis = case("faulty", rows=60_000).diagnosis
+    words = verdict_words(diagnosis)
     assert words.headline == "Internal leakage or pump gear wear, since 20.3 s, severity 0.41, 97 % sure"
-    assert "pump gear wear" in words.findings[0].alternatives
-    assert "internal leakage" not in words.findings[0].alternatives
-    assert words.findings[0].detection == "Detected at 20.9 s, 0.6 s after its onset."
-    assert words.findings[0].severity.startswith(
-        "Severity between 0.35 and 0.47 (80 %). Severity 1.0 means: "
-    )
-    assert "12e-12" in words.findings[0].severity
-    assert words.findings[0].check == "To confirm it: Block the rod and read the pump's speed."
-    assert words.findings[0].place == ""
+    (found,) = words.findings
+    assert "pump gear wear" in found.alternatives and "internal leakage" not in found.alternatives
+    assert found.detection == "Detected at 20.9 s, 0.6 s after its onset."
+    assert found.severity.startswith("Severity between 0.35 and 0.47 (80 %). Severity 1.0 means: ")
+    assert "12e-12" in found.severity and found.place == ""
+    assert found.check == "To confirm it: Block the rod and read the pump's speed."
+    finding = diagnosis.faults[0]
+    finding.ambiguity, finding.severity = ["internal_leakage"], None
+    finding.side, finding.variant = 2, "loose_forward"
+    (found,) = verdict_words(diagnosis).findings
+    assert found.alternatives == "" and "severity" not in found.headline
+    assert found.place == "Where and how: chamber 2, loose forward."
+    finding.side, finding.variant, finding.channel = None, None, "pressure_1"
+    assert finding_words(finding).place == "Where and how: pressure 1."
 
 
 def test_the_shares_of_a_group_reach_the_headline_and_the_less_likely_is_said_to_be(
@@ -53,23 +59,35 @@ def test_severity_one_is_that_of_the_unit() -> None:
     assert severity_one("coupling_wear", lift) == severity_one("coupling_wear", None)
 
 
-def test_what_is_not_observable_is_no_change_and_what_never_was_known_no_value(
-    case: Callable[..., Any],
-) -> None:
+def test_estimates_are_shown_in_everyday_units_with_their_change(case: Callable[..., Any]) -> None:
     diagnosis = case("faulty", rows=6_000).diagnosis
-    estimate = diagnosis.estimates["bulk_modulus"]
-    estimate.observable, estimate.held, estimate.held_std, estimate.age_s = False, 3.2e8, 7e11, 4.0
-    row = estimate_rows(diagnosis)[1]
-    assert (row["change"], row["held"]) == ("not seen", "")
+    leakage, bulk = (diagnosis.estimates[name] for name in ("leakage", "bulk_modulus"))
+    leakage.baseline, leakage.value, leakage.std = 6.5e-12, 9.75e-12, 1e-13
+    bulk.observable, bulk.held, bulk.held_std, bulk.age_s = False, 3.2e8, 7e11, 4.0
+    first, second, *_, last = estimate_rows(diagnosis)
+    assert (first["quantity"], first["value"], first["change"]) == (
+        "Leakage coefficient",
+        "9.75 ± 0.10",
+        "+50 %",
+    )
+    assert (second["quantity"], second["change"], second["held"]) == (
+        "Effective bulk modulus",
+        "not seen",
+        "",
+    )
+    bulk.value = None
+    second = estimate_rows(diagnosis)[1]
+    assert (second["baseline"], second["value"], last["observable"]) == ("210", "–", "no")
 
 
-def test_a_fault_that_stands_alone_names_no_other(case: Callable[..., Any]) -> None:
-    diagnosis = case("faulty", rows=6_000).diagnosis
-    diagnosis.faults[0].ambiguity = ["internal_leakage"]
-    diagnosis.faults[0].severity = None
-    words = verdict_words(diagnosis)
-    assert words.findings[0].alternatives == ""
-    assert "severity" not in words.headline
+def test_what_the_log_could_not_tell(case: Callable[..., Any]) -> None:
+    diagnosis = case("healthy", rows=6_000).diagnosis
+    assert tables.sensor_rows(diagnosis) == [("motor current", "missing, since 20.0 s")]
+    hidden = [("coupling wear", "at any severity"), ("internal leakage", "below severity 0.07")]
+    assert tables.invisible_rows(diagnosis) == hidden
+    diagnosis.samples, diagnosis.quality = 900, Quality(dropped_samples=100)
+    rows = dict(tables.quality_rows(diagnosis))
+    assert (rows["Dropped samples"], rows["Samples with missing values"]) == ("100 (10 %)", "0")
 
 
 def test_inconclusive_says_why(case: Callable[..., Any]) -> None:
@@ -109,41 +127,3 @@ def test_shares_never_claim_certainty_and_spans_and_values_are_rounded() -> None
     assert with_std(None, 1.0) == "–"
     assert with_std(5.0, float("inf")) == "5"
     assert number(float("nan")) == "–"
-
-
-def test_estimates_are_shown_in_everyday_units_with_their_change(case: Callable[..., Any]) -> None:
-    diagnosis = case("faulty", rows=6_000).diagnosis
-    leakage = diagnosis.estimates["leakage"]
-    leakage.baseline, leakage.value, leakage.std = 6.5e-12, 9.75e-12, 1e-13
-    diagnosis.estimates["bulk_modulus"].value = None
-    rows = {r["quantity"]: r for r in estimate_rows(diagnosis)}
-    assert rows["Leakage coefficient"]["value"] == "9.75 ± 0.10"
-    assert rows["Leakage coefficient"]["change"] == "+50 %"
-    assert rows["Effective bulk modulus"]["baseline"] == "210"
-    assert rows["Effective bulk modulus"]["value"] == "–"
-    assert rows["Viscous friction"]["observable"] == "no"
-
-
-def test_a_place_is_told_where_it_is_known(case: Callable[..., Any]) -> None:
-    finding = case("faulty", rows=6_000).diagnosis.faults[0]
-    finding.side, finding.variant = 2, "loose_forward"
-    assert finding_words(finding).place == "Where and how: chamber 2, loose forward."
-    finding.side, finding.variant, finding.channel = None, None, "pressure_1"
-    assert finding_words(finding).place == "Where and how: pressure 1."
-
-
-def test_what_the_log_could_not_tell(case: Callable[..., Any]) -> None:
-    diagnosis = case("healthy", rows=6_000).diagnosis
-    assert tables.sensor_rows(diagnosis) == [("motor current", "missing, since 20.0 s")]
-    assert tables.invisible_rows(diagnosis) == [
-        ("coupling wear", "at any severity"),
-        ("internal leakage", "below severity 0.07"),
-    ]
-
-
-def test_dropped_samples_are_counted_against_all_that_were_sent(case: Callable[..., Any]) -> None:
-    diagnosis = case("healthy", rows=6_000).diagnosis
-    diagnosis.samples, diagnosis.quality = 900, Quality(dropped_samples=100)
-    rows = dict(tables.quality_rows(diagnosis))
-    assert rows["Dropped samples"] == "100 (10 %)"
-    assert rows["Samples with missing values"] == "0"

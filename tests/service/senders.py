@@ -1,16 +1,20 @@
-"""What tests of the sources share: a fleet that stores what it takes, and waiting."""
+"""What tests of sources and outputs share: a fleet that stores what it takes, waiting, made-up alarms."""
 
 from __future__ import annotations
 
+import resource
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from fdd.samples import Samples
 from fdd.service.blocks import Block
+from fdd.service.bus import Event
+from fdd.service.store import OutboxMessage, Store
 
 
 def until(done: Callable[[], Any], seconds: float = 120.0) -> Any:
@@ -59,3 +63,45 @@ class Taker:
     def joined(self, axis: str = "A1") -> Samples:
         """All samples of an axis."""
         return Samples.concatenate([b.samples for b in self.blocks if b.axis == axis])
+
+
+def message(kind: str, body: dict[str, Any], target: str = "t", id: int = 7) -> OutboxMessage:
+    return OutboxMessage(id, kind, body, target, 0)
+
+
+def sent(store: Store, kind: str, body: Mapping[str, Any], target: str) -> int:
+    with store.transaction() as t:
+        return t.send(kind, body, target, 1.7e9)
+
+
+def measured(axis: str, samples: Samples) -> Event:
+    return Event("samples", axis, float(samples.time[-1]), {"samples": samples})
+
+
+def finding(onset: float = 3.0, detected: float = 15.0) -> dict[str, Any]:
+    return {
+        "fault": "pump_wear", "family": "leakage", "ambiguity": ["pump_wear", "internal_leakage"],
+        "confidence": 0.9, "onset_s": onset, "detected_s": detected, "severity": 0.6,
+        "evidence": ["leakage rose"],
+    }  # fmt: skip
+
+
+def transition(
+    action: str = "RAISED", state: str = "UNACK", id: int = 1, axis: str = "A1", **of_finding: float
+) -> dict[str, Any]:
+    alarm = {
+        "id": id, "axis": axis, "state": state, "family": "leakage", "fault": "pump_wear", "priority": "high",
+        "body": finding(**of_finding),
+    }  # fmt: skip
+    return {"action": action, "alarm": alarm, "before": "NORMAL", "wall": 1.7e9, "who": "fdd", "note": ""}
+
+
+@contextmanager
+def full_disk(size: int) -> Iterator[None]:
+    """The system cuts writes off at a size, as a disk does that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)

@@ -33,6 +33,7 @@ from fdd.service.inbox import Inbox
 from fdd.service.profiles import Profiles
 from fdd.service.store import Store, StoreTrouble
 from fdd.unit import Unit
+from tests.service.senders import until
 
 KILLS = int(os.environ.get("FDD_TEST_KILLS", "4"))
 
@@ -281,23 +282,13 @@ def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(
     assert len(store.findings()) == 1 and again.axes()[0].samples == len(log)
 
 
-def test_a_clock_that_is_set_back_hides_no_silence(store: Store, log: Samples) -> None:
-    now = [1.7e9]
-    inbox = Inbox()
-    fleet = Fleet(Profiles(fallback="axis_a"), Model.load(), store, Bus(), inbox, clock=lambda: now[0])
-    send(fleet, inbox, [replace(b, sequence=None, received=now[0]) for b in blocks_of(log)[:10]])
-    assert fleet.axes()[0].state != "silent"
-    now[0] -= 3600.0
-    fleet.step(0.0)
-    assert fleet.axes()[0].state == "silent"
-
-
-def test_an_axis_that_falls_silent_gives_what_it_held(
+def test_an_axis_that_falls_silent_gives_what_it_has(
     store: Store, log: Samples, ticking: list[float]
 ) -> None:
-    fleet, inbox, _ = fleet_of(store)
-    unnumbered = [replace(b, sequence=None) for b in blocks_of(log)[:30]]
-    send(fleet, inbox, unnumbered)
+    wall = [RECEIVED]
+    fleet, inbox, _ = fleet_of(store, clock=lambda: wall[0])
+    send(fleet, inbox, [replace(b, sequence=None, received=RECEIVED) for b in blocks_of(log)[:30]])
+    assert fleet.axes()[0].state != "silent"
     for wait in (9.0, *[0.2] * 13):  # the first is no silence but a machine that was busy
         ticking[0] += wait
         fleet.step(0.0)
@@ -305,6 +296,8 @@ def test_an_axis_that_falls_silent_gives_what_it_held(
     for _ in range(2):
         ticking[0] += 0.2
         fleet.step(0.0)
+    wall[0] -= 3600.0  # a clock that is set back hides no silence
+    fleet.step(0.0)
     (status,) = fleet.axes()
     assert status.samples == 3000 and status.state == "silent"
     again, _, _ = fleet_of(store)
@@ -333,26 +326,22 @@ def test_a_sender_that_the_service_keeps_waiting_is_not_silent(
     assert status.samples == 2000 and status.quality["late"] == 0
 
 
-def test_what_is_held_for_a_block_waits_for_it_over_a_restart(store: Store, log: Samples) -> None:
+@pytest.mark.parametrize("stops", [True, False])
+def test_what_waits_for_a_block_waits_over_a_restart(stops: bool, store: Store, log: Samples) -> None:
     blocks = blocks_of(log)[:20]
-    for stops in (True, False):
-        axis = f"stops_{stops}"
-        mine = [replace(b, axis=axis) for b in blocks]
-        fleet, inbox, _ = fleet_of(store)
-        send(fleet, inbox, [b for b in mine[:12] if b.sequence != 10])
-        if stops:
-            fleet.keep()
-        again, inbox, _ = fleet_of(store)
-        again.step(0.0)
-        send(again, inbox, [mine[10], *mine[12:]])
-        again.keep()
-        (status,) = (s for s in again.axes() if s.name == axis)
-        assert status.samples == 2000 and status.quality["late"] == 0
+    fleet, inbox, _ = fleet_of(store)
+    send(fleet, inbox, [b for b in blocks[:12] if b.sequence != 10])
+    if stops:
+        fleet.keep()
+    again, inbox, _ = fleet_of(store)
+    again.step(0.0)
+    send(again, inbox, [blocks[10], *blocks[12:]])
+    again.keep()
+    (status,) = again.axes()
+    assert status.samples == 2000 and status.quality["late"] == 0
 
 
-def test_after_a_crash_it_is_asked_while_it_resumes(
-    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_answers_while_it_resumes(store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
     fleet, inbox, _ = fleet_of(store)
     # The first one alone: most is in the journal.
     monkeypatch.setattr("fdd.service.checkpoints.CHECKPOINT_S", 1e9)
@@ -370,7 +359,7 @@ def test_after_a_crash_it_is_asked_while_it_resumes(
 
 
 def test_a_store_that_is_away_at_the_start_is_waited_for(
-    store: Store, monkeypatch: pytest.MonkeyPatch
+    store: Store, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fdd.service.storing.BACKOFF_S", (0.01, 0.01))
     plain, failures = Store.book, iter(range(3))
@@ -381,11 +370,10 @@ def test_a_store_that_is_away_at_the_start_is_waited_for(
         return plain(self)
 
     monkeypatch.setattr(Store, "book", failing)
-    fleet, stop = Fleet(Profiles(), Model.load(), store, Bus(), Inbox()), threading.Event()
+    fleet = Fleet(Profiles(), Model.load(), store, Bus(), Inbox())
     running = threading.Thread(target=fleet.run, args=(stop,))
     running.start()
-    while fleet.resumed < 1.0:
-        time.sleep(0.01)
+    until(lambda: fleet.resumed >= 1.0)
     assert fleet.writer.errors == 3 and fleet.problems() == []
     stop.set()
     running.join(10.0)

@@ -47,49 +47,55 @@ ROLES = ("view", "acknowledge", "admin")
 OPEN = {"/api/health", "/api/login", "/api/logout"}
 
 
-@pytest.fixture
-def world() -> World:
+def two_axes() -> World:
     made = World("rig/axis-1", "rig/axis-2")
     made.raise_alarm("rig/axis-1")
     return made
 
 
 @pytest.fixture
-def server(world: World) -> Iterator[Server]:
-    with on_a_port(world) as made:
+def world() -> World:
+    return two_axes()
+
+
+@pytest.fixture(scope="module")
+def served() -> World:
+    """What `server` serves: tests with it change nothing there."""
+    return two_axes()
+
+
+@pytest.fixture(scope="module")
+def server(served: World) -> Iterator[Server]:
+    with on_a_port(served) as made:
         yield made
 
 
 # Who may what
 
 
-@pytest.mark.parametrize("method, path, needed", ADDRESSES)
-def test_each_address_asks_for_its_role(world: World, method: str, path: str, needed: str) -> None:
+def test_each_address_asks_for_its_role(world: World) -> None:
     tokens, text = three_tokens()
     client = client_of(world, tokens=tokens)
-    bare = client.request(method, path, headers=PAGE)
-    assert bare.status_code == 401 and list(bare.json()) == ["error"]
-    for wrong in ("Bearer guess", f"Basic {text['admin']}", "Bearer", f"Bearer {text['admin'][:-1]}"):
-        assert client.request(method, path, headers={"authorization": wrong, **PAGE}).status_code == 401
-    for role in ROLES[: ROLES.index(needed)]:
-        refused = client.request(method, path, headers=bearer(text[role]))
-        assert refused.status_code == 403 and needed in refused.json()["error"]
-    assert world.state_of(1) == "UNACK"
-    if path != "/api/events":  # has no end
-        allowed = client.request(method, path, headers=bearer(text[needed]))
-        assert allowed.status_code not in (401, 403)
-
-
-def test_every_address_is_in_that_list(world: World) -> None:
     paths = client_of(world).get("/openapi.json").json()["paths"]
-    assert len([m for path in paths.keys() - OPEN for m in paths[path]]) == len(ADDRESSES)
-
-
-def test_health_tells_strangers_the_status_alone(world: World) -> None:
-    tokens, text = three_tokens()
-    client = client_of(world, tokens=tokens)
+    assert len([m for path in paths.keys() - OPEN for m in paths[path]]) == len(ADDRESSES), (
+        "each is in the list"
+    )
+    for method, path, needed in ADDRESSES:
+        bare = client.request(method, path, headers=PAGE)
+        assert bare.status_code == 401 and list(bare.json()) == ["error"], path
+        for wrong in ("Bearer guess", f"Basic {text['admin']}", "Bearer", f"Bearer {text['admin'][:-1]}"):
+            found = client.request(method, path, headers={"authorization": wrong, **PAGE})
+            assert found.status_code == 401, (path, wrong)
+        for role in ROLES[: ROLES.index(needed)]:
+            refused = client.request(method, path, headers=bearer(text[role]))
+            assert refused.status_code == 403 and needed in refused.json()["error"], (path, role)
+    assert world.state_of(1) == "UNACK"
+    for method, path, needed in ADDRESSES:
+        if path != "/api/events":  # has no end
+            allowed = client.request(method, path, headers=bearer(text[needed]))
+            assert allowed.status_code not in (401, 403), path
     world.health = {"status": "degraded", "problems": ["fdd.db is full"], "axes": 2}
-    assert client.get("/api/health").json() == {"status": "degraded"}
+    assert client.get("/api/health").json() == {"status": "degraded"}, "all that strangers are told"
     assert client.get("/api/health", headers=bearer(text["view"])).json()["problems"] == ["fdd.db is full"]
 
 
@@ -109,77 +115,66 @@ def test_a_token_is_kept_in_a_cookie_that_scripts_and_other_sites_never_get(worl
     assert client.get("/api/axes").status_code == 401
 
 
-@pytest.mark.parametrize(
-    "text, said",
-    [
-        ("", "no token"),
-        ("# nothing\n", "no token"),
-        ("ann view", "tokens:1: not: name role"),
-        ("ann boss " + "a" * 64, "tokens:1: unknown role"),
-        ("ann view " + "g" * 64, "tokens:1"),
-        ("ok view " + "a" * 64 + "\na<b view " + "a" * 64, "tokens:2"),
-    ],
-)
-def test_a_file_of_tokens_that_is_wrong_is_told_by_its_line(text: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        Tokens.parse(text)
-
-
-def test_the_file_holds_hashes_alone(tmp_path: Path) -> None:
+def test_the_file_of_tokens_holds_hashes_alone_and_errors_name_its_line(
+    tmp_path: Path,
+) -> None:
     token, line = new_token("ann", "admin")
     assert token not in line and line.split()[2] == hashlib.sha256(token.encode()).hexdigest()
     (tmp_path / "tokens").write_text(f"# people\n{line}  # till May\n")
     assert Tokens.load(tmp_path / "tokens").caller(token) == Caller("ann", "admin")
     with pytest.raises(InputError, match="cannot be read"):
         Tokens.load(tmp_path / "none")
+    for text, said in (
+        ("", "no token"),
+        ("# nothing\n", "no token"),
+        ("ann view", "tokens:1: not: name role"),
+        ("ann boss " + "a" * 64, "tokens:1: unknown role"),
+        ("ann view " + "g" * 64, "tokens:1"),
+        ("ok view " + "a" * 64 + "\na<b view " + "a" * 64, "tokens:2"),
+    ):
+        with pytest.raises(InputError, match=said):
+            Tokens.parse(text)
 
 
 # Other sites' pages, and requests that are too large
 
 
-@pytest.mark.parametrize("path", ["/api/alarms/1/acknowledge", "/api/login", "/api/logout"])
-@pytest.mark.parametrize("headers", [{}, {"origin": "null"}, {"content-type": "text/plain"}])
-def test_another_sites_page_does_nothing(world: World, path: str, headers: dict[str, str]) -> None:
-    refused = client_of(world).post(path, headers=headers, content=b"{}")
-    assert refused.status_code == 403 and list(refused.json()) == ["error"]
-    assert world.state_of(1) == "UNACK"
-
-
-@pytest.mark.parametrize(
-    "host", ["evil.example", "localhost.evil.example:8080", "", "a b", "[evil", "192.0.2.7"]
-)
-def test_a_rebound_name_is_refused(world: World, host: str) -> None:
-    refused = client_of(world).get("/api/axes", headers={"host": host})
-    assert refused.status_code == 400 and "axis" not in refused.text
-
-
-@pytest.mark.parametrize("host", ["localhost:8080", "127.0.0.1", "[::1]:8080", "rig-7:8080", "RIG-7"])
-def test_own_names_are_answered(world: World, host: str) -> None:
+def test_another_sites_page_does_nothing_and_a_rebound_name_is_refused(world: World) -> None:
     client = client_of(world, names=["rig-7"])
-    assert client.get("/api/axes", headers={"host": host}).status_code == 200
+    for path in ("/api/alarms/1/acknowledge", "/api/login", "/api/logout"):
+        for headers in ({}, {"origin": "null"}, {"content-type": "text/plain"}):
+            refused = client.post(path, headers=headers, content=b"{}")
+            assert refused.status_code == 403 and list(refused.json()) == ["error"]
+    assert world.state_of(1) == "UNACK"
+    for host in ("evil.example", "localhost.evil.example:8080", "", "a b", "[evil", "192.0.2.7"):
+        refused = client.get("/api/axes", headers={"host": host})
+        assert refused.status_code == 400 and "axis" not in refused.text, host
+    for host in ("localhost:8080", "127.0.0.1", "[::1]:8080", "rig-7:8080", "RIG-7"):
+        assert client.get("/api/axes", headers={"host": host}).status_code == 200, host
+    assert client_of(world).get("/api/axes", headers={"host": "rig-7"}).status_code == 400
 
 
-@pytest.mark.parametrize(
-    "path", ["/", "/page/app.js", "/api/axes", "/api/nothing", "/api/axes/none", "/nowhere"]
-)
-def test_every_answer_carries_what_browsers_need_to_protect_it(world: World, path: str) -> None:
-    headers = client_of(world).get(path).headers
-    policy = dict(p.strip().partition(" ")[::2] for p in headers["content-security-policy"].split(";"))
-    assert policy["default-src"] == "'none'" and policy["frame-ancestors"] == "'none'"
-    assert {policy["script-src"], policy["style-src"], policy["connect-src"]} == {"'self'"}
-    assert "unsafe" not in headers["content-security-policy"]
-    assert headers["x-content-type-options"] == "nosniff" and headers["referrer-policy"] == "no-referrer"
-    assert "access-control-allow-origin" not in headers and "server" not in headers
+def test_every_answer_carries_what_browsers_need_to_protect_it(world: World) -> None:
+    client = client_of(world)
+    for path in ("/", "/page/app.js", "/api/axes", "/api/nothing", "/api/axes/none", "/nowhere"):
+        headers = client.get(path).headers
+        policy = dict(p.strip().partition(" ")[::2] for p in headers["content-security-policy"].split(";"))
+        assert policy["default-src"] == "'none'" and policy["frame-ancestors"] == "'none'"
+        assert {policy["script-src"], policy["style-src"], policy["connect-src"]} == {"'self'"}
+        assert "unsafe" not in headers["content-security-policy"]
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["referrer-policy"] == "no-referrer"
+        assert "access-control-allow-origin" not in headers and "server" not in headers
 
 
-def test_a_body_without_end_is_refused(server: Server, world: World) -> None:
+def test_a_body_without_end_is_refused(server: Server, served: World) -> None:
     def pieces() -> Iterator[bytes]:
         for _ in range(MAX_REQUEST_BYTES // 1000 + 5):
             yield b" " * 1000
 
     with httpx.Client(trust_env=False) as client:
         found = client.post(f"{server.address}api/alarms/1/acknowledge", content=pieces(), headers=PAGE)
-    assert found.status_code == 413 and world.state_of(1) == "UNACK"
+    assert found.status_code == 413 and served.state_of(1) == "UNACK"
 
 
 # On a port
@@ -220,9 +215,9 @@ def test_small_answers_go_out_at_once(server: Server) -> None:
     assert sorted(taken)[12] < 0.03
 
 
-def test_events_come_as_they_happen(server: Server, world: World) -> None:
+def test_events_come_as_they_happen(server: Server, served: World) -> None:
     listener = Listener(server)
-    world.bus.publish(Event("alarm", "rig/axis-1", 5.0, {"note": "a\nevent: evil\n\ndata: {}"}))
+    served.bus.publish(Event("alarm", "rig/axis-1", 5.0, {"note": "a\nevent: evil\n\ndata: {}"}))
     event = listener.event()
     assert (event["kind"], event["axis"], event["time"]) == ("alarm", "rig/axis-1", 5.0)
     assert event["data"]["note"] == "a\nevent: evil\n\ndata: {}"

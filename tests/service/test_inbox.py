@@ -1,8 +1,9 @@
-"""The inbox: bounded, fair, and nothing is lost without being counted."""
+"""Inbox and bus: bounded, fair, and nothing is lost without being counted."""
 
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from fdd.bounds import MOST_AXES
 from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.service.blocks import Block
+from fdd.service.bus import Bus, Event
 from fdd.service.inbox import Inbox
 
 
@@ -102,25 +104,53 @@ def test_more_axes_than_a_service_watches_are_refused() -> None:
 
 
 def test_many_threads_put_and_all_is_taken_or_counted() -> None:
-    inbox, senders, each = Inbox(most_seconds=5.0), 6, 200
+    inbox, names, each = Inbox(most_seconds=5.0), [f"A{k}" for k in range(6)], 200
 
     def send(name: str) -> None:
         for number in range(each):
             inbox.put(block(name, number, seconds=0.1))
 
-    threads = [threading.Thread(target=send, args=(f"A{k}",)) for k in range(senders)]
-    for thread in threads:
-        thread.start()
     taken: list[Block] = []
-    while True:
-        alive = any(t.is_alive() for t in threads)
-        found = inbox.take(0.2)
-        taken += found
-        if not found and not alive:
-            break
-    counters = {axis: inbox.counters(axis) for axis in map("A{}".format, range(senders))}
-    for k in range(senders):
-        own = [b for b in taken if b.axis == f"A{k}"]
+    with ThreadPoolExecutor(len(names)) as pool:
+        sending = [pool.submit(send, name) for name in names]
+        while not all(s.done() for s in sending):
+            taken += inbox.take(0.2)
+    while more := inbox.take(0.0):
+        taken += more
+    for name in names:
+        own = [b for b in taken if b.axis == name]
         assert [b.sequence for b in own] == sorted(b.sequence for b in own)  # type: ignore[type-var]
-        rows = len(own[0].samples)
-        assert rows * len(own) + counters[f"A{k}"]["dropped_samples"] == rows * each
+        dropped = inbox.counters(name)["dropped_samples"]
+        assert sum(len(b.samples) for b in own) + dropped == 10 * each
+
+
+def event(number: int, kind: str = "status") -> Event:
+    return Event(kind, "A1", float(number), {})  # type: ignore[arg-type]
+
+
+def test_each_subscriber_hears_its_kinds_in_order_and_a_slow_one_loses_the_oldest() -> None:
+    bus = Bus()
+    bus.publish(event(0))
+    every, alarms, slow = bus.subscribe(), bus.subscribe(["alarm"]), bus.subscribe(most=10)
+    for number in range(1, 101):
+        bus.publish(event(number, "alarm" if number == 2 else "status"))
+    assert [every.get().time for _ in range(100)] == [float(k) for k in range(1, 101)]  # type: ignore[union-attr]
+    assert alarms.get() == event(2, "alarm")
+    assert every.get() is alarms.get() is None
+    assert (slow.lost, every.lost) == (90, 0) and slow.get() == event(91)
+
+
+def test_many_threads_publish_and_every_event_arrives_once() -> None:
+    bus = Bus()
+    subscription = bus.subscribe(most=10_000)
+
+    def publish(k: int) -> None:
+        bus.subscribe(most=1)
+        for n in range(500):
+            bus.publish(event(1000 * k + n))
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(publish, range(8)))
+    heard = [e.time for e in iter(subscription.get, None)]
+    assert sorted(heard) == [1000.0 * k + n for k in range(8) for n in range(500)]
+    assert subscription.lost == 0

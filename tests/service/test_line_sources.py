@@ -60,23 +60,32 @@ def test_blocks_and_samples_on_one_connection(taker: Taker, tcp: Lines) -> None:
     assert len(taker.blocks) < 20, "samples are gathered"
 
 
-def test_samples_that_come_slowly_are_not_kept_waiting(taker: Taker, tcp: Lines) -> None:
-    source = tcp(axis="A1")
-    with connected(source) as sender:
-        sender.sendall(samples(0, 1))
-        until(lambda: len(taker.blocks) == 1, 5.0)
-
-
-def test_a_line_cut_anywhere_is_one_line(taker: Taker, tcp: Lines) -> None:
-    source = tcp(axis="A1")
-    text = samples(0, 3)
+def test_samples_that_come_slowly_or_in_pieces_are_not_kept_waiting(taker: Taker, tcp: Lines) -> None:
+    source, text = tcp(axis="A1"), samples(1, 3)
     with connected(source) as sender:
         sender.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sender.sendall(samples(0, 1))
+        until(lambda: len(taker.blocks) == 1, 5.0)
         for k in range(0, len(text), 7):
             sender.sendall(text[k : k + 7])
             time.sleep(0.002)
-    until(lambda: sum(len(b.samples) for b in taker.blocks) == 3)
+    until(lambda: sum(len(b.samples) for b in taker.blocks) == 4)
     assert source.status()["refused"] == 0
+
+
+def test_a_line_without_end_or_time_is_forgotten_and_a_clock_followed(taker: Taker, tcp: Lines) -> None:
+    source = tcp(axis="A1")
+    with connected(source) as sender:
+        for _ in range(MAX_BLOCK_BYTES // (1 << 20) + 1):
+            sender.sendall(b"x" * (1 << 20))
+        sender.sendall(b"\n" + samples(100, 5))
+        until(lambda: len(taker.blocks) == 1)
+        assert source.status()["refused"] == 1 and "a line of more than" in source.status()["last_error"]
+        sender.sendall(b'{"position": 1}\n' + samples(0, 5))
+    until(lambda: sum(len(b.samples) for b in taker.blocks) == 10)
+    assert source.status()["refused"] == 2
+    together = np.concatenate([b.samples.time for b in taker.blocks]) * 128
+    assert together.tolist() == [*range(100, 105), *range(5)]
 
 
 def test_garbage_is_counted_and_spoils_no_other_line(taker: Taker, tcp: Lines) -> None:
@@ -90,26 +99,6 @@ def test_garbage_is_counted_and_spoils_no_other_line(taker: Taker, tcp: Lines) -
     status = source.status()
     assert status["refused"] == len(bad) and status["received"] == len(bad)
     assert status["last_error"] and "\n" not in status["last_error"]
-
-
-def test_a_sample_without_time_or_with_a_clock_that_went_back(taker: Taker, tcp: Lines) -> None:
-    source = tcp(axis="A1")
-    with connected(source) as sender:
-        sender.sendall(samples(100, 5) + b'{"position": 1}\n' + samples(0, 5))
-    until(lambda: sum(len(b.samples) for b in taker.blocks) == 10)
-    assert source.status()["refused"] == 1
-    together = np.concatenate([b.samples.time for b in taker.blocks]) * 128
-    assert together.tolist() == [*range(100, 105), *range(5)]
-
-
-def test_a_line_without_end_is_forgotten(taker: Taker, tcp: Lines) -> None:
-    source = tcp()
-    with connected(source) as sender:
-        for _ in range(MAX_BLOCK_BYTES // (1 << 20) + 1):
-            sender.sendall(b"x" * (1 << 20))
-        sender.sendall(b"\n" + encode_json(a_block(0)) + b"\n")
-        until(lambda: len(taker.blocks) == 1)
-    assert source.status()["refused"] == 1 and "a line of more than" in source.status()["last_error"]
 
 
 def test_a_fast_sender_is_made_to_wait(taker: Taker, tcp: Lines) -> None:
@@ -145,10 +134,13 @@ def test_connections_and_silence_are_bounded(taker: Taker, tcp: Lines) -> None:
         one.close()
 
 
-def test_a_port_that_is_taken_is_told_in_one_line(tcp: Lines) -> None:
+def test_a_port_that_is_taken_or_a_map_of_no_use_is_told_in_one_line(tcp: Lines, tmp_path: Path) -> None:
     port = tcp().status()["port"]
     with pytest.raises(InputError, match=f"tcp 127.0.0.1:{port}: cannot be listened on"):
         tcp(port=port)
+    (tmp_path / "map.yaml").write_text("position: {topic: /a, field: b}")
+    with pytest.raises(InputError, match="a stream takes plain columns only"):
+        open_source(UdpSource(type="udp", port=0, map=tmp_path / "map.yaml"))
 
 
 def test_datagrams_are_messages(taker: Taker, stop: threading.Event) -> None:
@@ -165,9 +157,7 @@ def test_datagrams_are_messages(taker: Taker, stop: threading.Event) -> None:
     assert np.array_equal(taker.joined("C3")["position"][10:], a_block(1).samples["position"])
 
 
-def test_standard_input_to_its_end(
-    taker: Taker, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_standard_input(taker: Taker, stop: threading.Event, monkeypatch: pytest.MonkeyPatch) -> None:
     reading, writing = os.pipe()
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: reading))
     source = open_source(StdinSource(type="stdin", axis="A1"))
@@ -180,12 +170,6 @@ def test_standard_input_to_its_end(
     until(lambda: not source.status()["connected"])
     assert taker.joined()["position"].tolist() == list(range(10))
     os.close(reading)
-
-
-def test_a_map_that_a_stream_cannot_use_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "map.yaml").write_text("position: {topic: /a, field: b}")
-    with pytest.raises(InputError, match="a stream takes plain columns only"):
-        open_source(UdpSource(type="udp", port=0, map=tmp_path / "map.yaml"))
 
 
 def test_the_sender_of_the_manual_sends(taker: Taker, tcp: Lines) -> None:

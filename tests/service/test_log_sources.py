@@ -21,6 +21,12 @@ from fdd.service.sources import Source, open_source
 from tests.service.senders import Taker, until
 
 
+@pytest.fixture(autouse=True)
+def soon_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files are taken for whole after half a second, not after two."""
+    monkeypatch.setattr("fdd.service.sources.logs.AT_REST_S", 0.5)
+
+
 def log(path: Path, seed: int = 0, seconds: float = 6.0) -> Path:
     """A log at 100 Hz; it appears whole."""
     rng, n = np.random.default_rng(seed), int(100 * seconds)
@@ -44,25 +50,7 @@ def folder(path: Path, **more: object) -> Source:
     return open_source(FolderSource.model_validate({"type": "folder", "folder": path, "every": 0.05, **more}))
 
 
-@pytest.mark.parametrize("speed", ["max", 20.0])
-def test_logs_of_several_axes_are_replayed(
-    speed: str | float, tmp_path: Path, taker: Taker, stop: threading.Event
-) -> None:
-    logs = {"A1": log(tmp_path / "a.parquet"), "B2": log(tmp_path / "b.parquet", 1)}
-    source = open_source(ReplaySource.model_validate({"type": "replay", "logs": logs, "speed": speed}))
-    started = time.monotonic()
-    source.start(taker.put, stop)
-    until(lambda: not source.status()["running"])
-    if speed != "max":
-        assert time.monotonic() - started > 5.9 / 20.0
-    for axis, path in logs.items():
-        same(taker.joined(axis), path)
-        assert taker.numbers(axis) == list(range(len(taker.numbers(axis))))
-
-
-def test_a_replay_waits_until_the_fleet_has_stored(
-    tmp_path: Path, taker: Taker, stop: threading.Event
-) -> None:
+def test_a_replay_waits_for_the_store(tmp_path: Path, taker: Taker, stop: threading.Event) -> None:
     taker.accepting = False
     source = open_source(ReplaySource(type="replay", logs={"A1": log(tmp_path / "a.parquet")}, speed="max"))
     source.start(taker.put, stop)
@@ -73,7 +61,19 @@ def test_a_replay_waits_until_the_fleet_has_stored(
     until(lambda: len(taker.blocks) == 6)
 
 
-def test_a_log_that_cannot_be_replayed_is_told(tmp_path: Path, taker: Taker, stop: threading.Event) -> None:
+@pytest.mark.parametrize("speed", ["max", 20.0])
+def test_logs_of_several_axes_are_replayed_and_what_cannot_be_is_told(
+    speed: str | float, tmp_path: Path, taker: Taker, stop: threading.Event
+) -> None:
+    logs = {"A1": log(tmp_path / "a.parquet"), "B2": log(tmp_path / "b.parquet", 1)}
+    source = open_source(ReplaySource.model_validate({"type": "replay", "logs": logs, "speed": speed}))
+    started = time.monotonic()
+    source.start(taker.put, stop)
+    until(lambda: not source.status()["running"])
+    assert speed == "max" or time.monotonic() - started > 5.9 / 20.0
+    for axis, path in logs.items():
+        same(taker.joined(axis), path)
+        assert taker.numbers(axis) == list(range(len(taker.numbers(axis))))
     source = open_source(ReplaySource(type="replay", logs={"A1": tmp_path / "none.csv"}))
     source.start(taker.put, stop)
     until(lambda: not source.status()["running"])
@@ -119,7 +119,7 @@ def test_a_file_is_read_when_it_is_whole(tmp_path: Path, taker: Taker, stop: thr
         for k in range(6):
             out.write(content[k * len(content) // 6 : (k + 1) * len(content) // 6])
             out.flush()
-            time.sleep(0.5)
+            time.sleep(0.15)
             assert not taker.blocks
     until(lambda: source.status()["files"] == 1)
     same(taker.joined(), whole)

@@ -26,10 +26,17 @@ VERSIONS = pytest.mark.parametrize("version", ["3.1.1", "5"])
 
 
 @pytest.fixture
-def broker(tmp_path: Path) -> Iterator[Broker]:
-    made = Broker(tmp_path)
-    yield made
-    made.kill()
+def broker_of(tmp_path: Path) -> Iterator[Callable[..., Broker]]:
+    """Starts one with settings of its own."""
+    made: list[Broker] = []
+    yield lambda *settings: made.append(Broker(tmp_path, *settings)) or made[-1]
+    for one in made:
+        one.kill()
+
+
+@pytest.fixture
+def broker(broker_of: Callable[..., Broker]) -> Broker:
+    return broker_of()
 
 
 def source_of(broker: Broker, has: Callable[[str], bool] = lambda axis: True, **more: object) -> Source:
@@ -82,15 +89,24 @@ def test_topics_with_wildcards_name_the_axis_or_the_message_does(
     assert np.array_equal(taker.joined("R2")["position"], a_block(0).samples["position"])
 
 
-def test_an_axis_of_another_shard_is_acknowledged_unread(
-    reading: Reading, taker: Taker, sender: Client
+def test_what_is_of_another_shard_or_fails_within_fdd_does_not_hold_up_what_comes_after(
+    reading: Reading, taker: Taker, sender: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def failing(self: Decoder, payload: bytes, *given: object, **more: object) -> Block:
+        if payload == b"fault":
+            raise RuntimeError("a fault")
+        return decode(self, payload, *given, **more)  # type: ignore[arg-type]
+
+    decode = Decoder.decode
+    monkeypatch.setattr(Decoder, "decode", failing)
     source = reading(has="A1".__eq__, topics=["rigs/{axis}"])
     for _ in range(450):  # more than may be on their way unacknowledged
         sender.publish("rigs/A2", b"garbage")
+        sender.publish("rigs/A1", b"fault")
     sender.publish("rigs/A1", encode_json(a_block(0)))
     until(lambda: source.status()["received"] == 1)  # counted a moment after it was put
-    assert taker.numbers() == [0] and source.status()["refused"] == 0
+    assert taker.numbers() == [0] and source.status()["refused"] == 450
+    assert source.status()["last_error"] == "internal error: RuntimeError: a fault"
 
 
 @VERSIONS
@@ -112,55 +128,32 @@ def test_garbage_and_retained_messages_are_counted_and_leave_the_session(
 
 @VERSIONS
 def test_acknowledgements_go_in_the_order_in_which_messages_came(
-    version: str, tmp_path: Path, taker: Taker, stop: threading.Event
+    version: str, broker_of: Callable[..., Broker], tmp_path: Path, taker: Taker, stop: threading.Event
 ) -> None:
     """Else mosquitto before 2.0.13 sends new messages before those that wait for room on their way."""
     log, random = tmp_path / "log", np.random.default_rng(1)
-    broker = Broker(tmp_path, "allow_anonymous true", f"log_dest file {log}", "log_type all")
+    broker = broker_of("allow_anonymous true", f"log_dest file {log}", "log_type all")
     source = source_of(broker, {"A1", "A3"}.__contains__, version=version, topics=["rigs/{axis}"])
-    sender = Client(broker)
-    try:
-        connected(source, taker, stop)
-        taker.accepting = False
-        for k in range(120):
-            for axis in ("A1", "A2", "A3"):  # A2 is of another shard
-                sender.publish(f"rigs/{axis}", encode_json(a_block(k, axis, rows=1)))
-        accepted, end = 0, time.monotonic() + 20.0
-        while accepted < 240 and time.monotonic() < end:
-            time.sleep(0.01)
-            new = taker.blocks[accepted:]
-            for place in random.permutation(len(new)):
-                new[place].accepted()
-            accepted += len(new)
-        assert taker.numbers("A1") == taker.numbers("A3") == list(range(120))
-        sent, acknowledged = (
-            lambda what=what: re.findall(rf"{what} fdd-test \(.*?[mM](?:id: )?(\d+)", log.read_text())
-            for what in ("Sending PUBLISH to", "Received PUBACK from")
-        )
-        until(lambda: len(acknowledged()) == 360)
-        assert acknowledged() == sent()
-    finally:
-        sender.close()
-        broker.kill()
-
-
-def test_a_message_that_fdd_fails_on_does_not_hold_up_those_after_it(
-    reading: Reading, taker: Taker, sender: Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def failing(self: Decoder, payload: bytes, *given: object, **more: object) -> Block:
-        if payload == b"fault":
-            raise RuntimeError("a fault")
-        return decode(self, payload, *given, **more)  # type: ignore[arg-type]
-
-    decode = Decoder.decode
-    monkeypatch.setattr(Decoder, "decode", failing)
-    source = reading()
-    for _ in range(450):  # more than may be on their way unacknowledged
-        sender.publish("rigs/A1", b"fault")
-    sender.publish("rigs/A1", encode_json(a_block(0)))
-    until(lambda: taker.numbers() == [0])
-    assert source.status()["refused"] == 450
-    assert source.status()["last_error"] == "internal error: RuntimeError: a fault"
+    connected(source, taker, stop)
+    taker.accepting, sender = False, Client(broker)
+    for k in range(120):
+        for axis in ("A1", "A2", "A3"):  # A2 is of another shard
+            sender.publish(f"rigs/{axis}", encode_json(a_block(k, axis, rows=1)))
+    accepted, end = 0, time.monotonic() + 20.0
+    while accepted < 240 and time.monotonic() < end:
+        time.sleep(0.01)
+        new = taker.blocks[accepted:]
+        for place in random.permutation(len(new)):
+            new[place].accepted()
+        accepted += len(new)
+    assert taker.numbers("A1") == taker.numbers("A3") == list(range(120))
+    sent, acknowledged = (
+        lambda what=what: re.findall(rf"{what} fdd-test \(.*?[mM](?:id: )?(\d+)", log.read_text())
+        for what in ("Sending PUBLISH to", "Received PUBACK from")
+    )
+    until(lambda: len(acknowledged()) == 360)
+    assert acknowledged() == sent()
+    sender.close()
 
 
 @VERSIONS
@@ -222,56 +215,48 @@ def test_a_broker_that_comes_later_is_found(broker: Broker, taker: Taker, stop: 
     broker.kill()
     source = source_of(broker)
     source.start(taker.put, stop)
-    until(lambda: source.status()["last_error"] is not None)
-    assert source.status()["last_error"] == (
-        f"mqtt 127.0.0.1:{broker.port}: the broker cannot be reached; check host, port and tls"
-    )
+    told = until(lambda: source.status()["last_error"])
+    where = f"mqtt 127.0.0.1:{broker.port}"
+    assert told == f"{where}: the broker cannot be reached; check host, port and tls"
     broker.start()
     until(lambda: source.status()["connected"])
 
 
 @VERSIONS
 def test_a_wrong_password_is_told_in_one_line(
-    version: str, tmp_path: Path, taker: Taker, stop: threading.Event
+    version: str, broker_of: Callable[..., Broker], tmp_path: Path, taker: Taker, stop: threading.Event
 ) -> None:
     (tmp_path / "users").write_text("rig:right\n")
     subprocess.run(["mosquitto_passwd", "-U", str(tmp_path / "users")], check=True)
-    broker = Broker(tmp_path, "allow_anonymous false", f"password_file {tmp_path / 'users'}")
-    try:
-        (tmp_path / "password").write_text("wrong\n")
-        given = {"user": "rig", "password_file": tmp_path / "password"}
-        source = source_of(broker, version=version, **given)
-        source.start(taker.put, stop)
-        until(lambda: source.status()["last_error"] is not None)
-        told = source.status()["last_error"]
-        assert told.startswith(f"mqtt 127.0.0.1:{broker.port}: the broker refuses the connection (")
-        assert told.endswith("check user, password_file and client_id") and "wrong" not in told
-        assert not source.status()["connected"]
-        (tmp_path / "password").write_text("right\n")
-        connected(source_of(broker, version=version, **given, client_id="other"), taker, stop)
-    finally:
-        broker.kill()
+    broker = broker_of("allow_anonymous false", f"password_file {tmp_path / 'users'}")
+    (tmp_path / "password").write_text("wrong\n")
+    given = {"user": "rig", "password_file": tmp_path / "password", "version": version}
+    source = source_of(broker, **given)
+    source.start(taker.put, stop)
+    told = until(lambda: source.status()["last_error"])
+    assert told.startswith(f"mqtt 127.0.0.1:{broker.port}: the broker refuses the connection (")
+    assert told.endswith("check user, password_file and client_id") and "wrong" not in told
+    assert not source.status()["connected"]
+    (tmp_path / "password").write_text("right\n")
+    connected(source_of(broker, **given, client_id="other"), taker, stop)
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here")
 def test_tls_is_spoken_with_the_authority_that_is_named_and_no_other(
-    tmp_path: Path, taker: Taker, stop: threading.Event
+    broker_of: Callable[..., Broker], tmp_path: Path, taker: Taker, stop: threading.Event
 ) -> None:
     for name in ("ours", "other"):
         subprocess.run(
-            ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}",
-             "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", f"{name}.key", "-out", f"{name}.pem"],
-            check=True, capture_output=True, cwd=tmp_path,
+            ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
+             "-days", "2", "-subj", f"/CN={name}", "-addext", "subjectAltName=IP:127.0.0.1",
+             "-keyout", f"{name}.key", "-out", f"{name}.pem"], check=True, capture_output=True, cwd=tmp_path,
         )  # fmt: skip
     files = (f"certfile {tmp_path / 'ours.pem'}", f"keyfile {tmp_path / 'ours.key'}")
-    broker = Broker(tmp_path, *files, "allow_anonymous true")
-    try:
-        connected(source_of(broker, tls={"ca": tmp_path / "ours.pem"}), taker, stop)
-        for wrong in ({"tls": {"ca": tmp_path / "other.pem"}}, {}):
-            source = source_of(broker, client_id="wrong", **wrong)
-            source.start(taker.put, stop)
-            until(lambda source=source: source.status()["last_error"] is not None)
-            time.sleep(0.3)
-            assert not source.status()["connected"] and "\n" not in source.status()["last_error"]
-    finally:
-        broker.kill()
+    broker = broker_of(*files, "allow_anonymous true")
+    connected(source_of(broker, tls={"ca": tmp_path / "ours.pem"}), taker, stop)
+    for wrong in ({"tls": {"ca": tmp_path / "other.pem"}}, {}):
+        source = source_of(broker, client_id="wrong", **wrong)
+        source.start(taker.put, stop)
+        told = until(lambda source=source: source.status()["last_error"])
+        time.sleep(0.3)
+        assert not source.status()["connected"] and "\n" not in told

@@ -1,16 +1,17 @@
-"""The dispatcher: every target for itself, whatever the others and the store do."""
+"""Every target for itself, whatever the others and the store do; what must arrive does, in its order."""
 
 from __future__ import annotations
 
 import json
 import threading
 import time
+from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from outputs_fakes import finding, measured, sent, transition
 from pydantic import ValidationError
 
 from fdd.errors import InputError
@@ -19,11 +20,11 @@ from fdd.samples import Samples
 from fdd.service import config
 from fdd.service.bus import Bus, Event
 from fdd.service.outputs import delivery
-from fdd.service.outputs.delivery import Outputs
+from fdd.service.outputs.delivery import LONGEST_WAIT_S, MOST_ATTEMPTS, DeliveryWorker, Outputs
 from fdd.service.outputs.targets import Undelivered, Webhook
-from fdd.service.store import Store
+from fdd.service.store import OutboxMessage, Store
 from reports.service import free_port
-from tests.service.senders import until
+from tests.service.senders import finding, measured, sent, transition, until
 
 SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 
@@ -36,16 +37,7 @@ def hook(url: str, *kinds: Any, secret_file: Path | None = None) -> config.Webho
     return config.Webhook(url=url, kinds=kinds or ("alarm", "finding"), secret_file=secret_file)
 
 
-def test_who_is_told_what(store: Store, tmp_path: Path) -> None:
-    path = tmp_path / "events.jsonl"
-    made = made_of(store, Bus(), jsonl=path, webhooks=(hook(SLOW, "alarm"), hook(QUICK)))
-    slow, quick = Webhook(SLOW).name, Webhook(QUICK).name
-    assert made.targets["alarm", True] == ["jsonl", slow, quick]
-    assert made.targets["finding", True] == ["jsonl", quick]
-    assert made.targets["alarm", False] == ["jsonl"], "of chatter people hear nothing"
-
-
-def test_one_that_hangs_holds_up_no_other(
+def test_one_that_hangs_or_is_away_holds_up_no_other(
     store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hang = threading.Event()
@@ -56,22 +48,27 @@ def test_one_that_hangs_holds_up_no_other(
             raise Undelivered("too slow")
 
     monkeypatch.setattr(Webhook, "deliver", deliver)
-    bus, path = Bus(), tmp_path / "events.jsonl"
-    made = made_of(store, bus, jsonl=path, webhooks=(hook(SLOW), hook(QUICK)))
+    bus, path, away = Bus(), tmp_path / "events.jsonl", {"host": "127.0.0.1", "port": free_port()}
+    made = made_of(store, bus, jsonl=path, mqtt=away, webhooks=(hook(SLOW, "alarm"), hook(QUICK)))
+    assert sorted(made.targets["alarm", True]) == sorted(["jsonl", "mqtt", slow, quick])
+    assert sorted(made.targets["finding", True]) == sorted(["jsonl", "mqtt", quick])
+    assert not {slow, quick} & set(made.targets["alarm", False]), "of chatter people hear nothing"
     made.start(stop)
-    until(lambda: len(bus._subscriptions) == 3)
     begun = time.monotonic()
     for target in made.targets["alarm", True]:
         sent(store, "alarm", transition(), target)
+    until(lambda: len(bus._subscriptions) >= 3)
     bus.publish(Event("alarm", "A1", 1.0, transition()))
     until(lambda: made.status()[quick]["delivered"] == made.status()["jsonl"]["delivered"] == 1)
-    assert time.monotonic() - begun < 10
-    assert made.status()[slow]["delivered"] == 0
+    assert time.monotonic() - begun < 10 and made.status()[slow]["delivered"] == 0
+    until(lambda: made.status()["mqtt"]["failed"])
+    assert made.status()["mqtt"]["last_error"] and not made.status()["mqtt"]["connected"]
     hang.set()
     until(lambda: made.status()[slow]["delivered"] == 1)
+    begun = time.monotonic()
     stop.set()
-    made.join(5)
-    assert not any(thread.is_alive() for thread in made._threads)
+    made.join(10)
+    assert time.monotonic() - begun < 5 and not any(thread.is_alive() for thread in made._threads)
 
 
 def test_a_store_in_trouble_is_waited_for(
@@ -94,7 +91,7 @@ def test_a_store_in_trouble_is_waited_for(
 
 
 def test_live_states_that_cannot_be_written_are_counted(
-    store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
+    store: Store, tmp_path: Path, stop: threading.Event
 ) -> None:
     bus, path = Bus(), tmp_path / "events.jsonl"
     made = made_of(store, bus, jsonl=path)
@@ -127,23 +124,15 @@ def test_the_recorder_takes_samples(store: Store, tmp_path: Path, stop: threadin
     assert read_log(path).samples.duration == pytest.approx(4.99, abs=1e-6), "a stop leaves what there is"
 
 
-@pytest.mark.parametrize(
-    "url",
-    ["ftp://a/b", "file:///etc/passwd", "https://", "http:///x", "http://u:p@a/", "http://a/ b", "x", "",
-     "http://a:99999/", "http://a:0/", "http://[::1", "http://a/#b", "http://a/\r\nX: y", "http://a/ü"],
-)  # fmt: skip
-def test_no_other_urls(url: str) -> None:
-    with pytest.raises(ValidationError):
-        config.Webhook(url=url)
-
-
-@pytest.mark.parametrize("prefix", ["", "a/+", "#", "/a", "$SYS", "a\0"])
-def test_prefixes_that_are_no_topics(prefix: str) -> None:
-    with pytest.raises(ValidationError):
-        config.MqttOutput(host="a", prefix=prefix)
-
-
-def test_secrets_that_are_missing_empty_or_endless(store: Store, tmp_path: Path) -> None:
+def test_addresses_topics_and_secrets_that_cannot_be_used(store: Store, tmp_path: Path) -> None:
+    for url in ("ftp://a/b", "file:///etc/passwd", "https://", "http:///x", "http://u:p@a/", "http://a/ b",
+                "x", "", "http://a:99999/", "http://a:0/", "http://[::1", "http://a/#b", "http://a/\r\nX: y",
+                "http://a/ü"):  # fmt: skip
+        with pytest.raises(ValidationError):
+            config.Webhook(url=url)
+    for prefix in ("", "a/+", "#", "/a", "$SYS", "a\0"):
+        with pytest.raises(ValidationError):
+            config.MqttOutput(host="a", prefix=prefix)
     path = tmp_path / "password"
     for content in (None, b"", b" \n", b"x" * 5000, b"\xff"):
         if content is not None:
@@ -152,9 +141,8 @@ def test_secrets_that_are_missing_empty_or_endless(store: Store, tmp_path: Path)
             {"webhooks": [hook(QUICK, secret_file=path)]},
             {"mqtt": {"host": "a", "user": "fdd", "password_file": path}},
         ):
-            with pytest.raises(InputError) as caught:
+            with pytest.raises(InputError, match=str(path)):
                 made_of(store, Bus(), **given)
-            assert str(path) in str(caught.value)
     path.write_text("no certificate")
     for files in ({"ca": path}, {"cert": path, "key": path}, {"ca": tmp_path / "none"}):
         with pytest.raises(InputError, match="TLS cannot be set up"):
@@ -163,15 +151,92 @@ def test_secrets_that_are_missing_empty_or_endless(store: Store, tmp_path: Path)
         made_of(store, Bus(), jsonl=tmp_path / "none" / "x.jsonl")
 
 
-def test_a_broker_that_is_away_stops_nothing(store: Store, tmp_path: Path, stop: threading.Event) -> None:
-    broker = {"host": "127.0.0.1", "port": free_port()}
-    made = made_of(store, Bus(), mqtt=broker, jsonl=tmp_path / "x.jsonl")
-    for target in made.targets["alarm", True]:
-        sent(store, "alarm", transition(), target)
-    made.start(stop)
-    until(lambda: made.status()["jsonl"]["delivered"] and made.status()["mqtt"]["failed"])
-    assert made.status()["mqtt"]["last_error"] and not made.status()["mqtt"]["connected"]
-    begun = time.monotonic()
-    stop.set()
-    made.join(10)
-    assert time.monotonic() - begun < 5
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    made = SimpleNamespace(now=1000.0)
+    monkeypatch.setattr(delivery, "time", SimpleNamespace(monotonic=lambda: made.now))
+    monkeypatch.setattr(delivery, "random", SimpleNamespace(uniform=lambda low, high: high))
+    return made
+
+
+class Target:
+    """Takes messages, or fails as it is told to, by the message's id."""
+
+    def __init__(self, failures: dict[int, list[Undelivered]]) -> None:
+        self.failures, self.taken, self.tried = failures, list[int](), list[int]()
+
+    def __call__(self, message: OutboxMessage) -> None:
+        self.tried.append(message.id)
+        if waiting := self.failures.get(message.id):
+            raise waiting.pop(0)
+        self.taken.append(message.id)
+
+
+def given_up(store: Store) -> list[str]:
+    return [r["note"] for r in store.audit() if r["action"] == "GIVEN_UP"]
+
+
+def test_a_failure_holds_back_what_comes_after_it(store: Store, clock: SimpleNamespace) -> None:
+    first, second = (sent(store, "alarm", transition(id=id), "t") for id in (1, 2))
+    sent(store, "alarm", transition(), "another target")
+    target = Target({second: [Undelivered("500")]})
+    worker = DeliveryWorker("t", store, target)
+    worker.once()
+    assert target.taken == [first]
+    assert (worker.failed, worker.delivered, worker.pending, worker.last_error) == (1, 1, 1, "500")
+    worker.once()
+    assert target.tried == [first, second], "nothing is tried before its time"
+    clock.now += 2.1
+    worker.once()
+    assert target.taken == [first, second] and worker.pending == 0 and not worker.last_error
+    assert store.outbox(9, "t") == [] and len(store.outbox(9, "another target")) == 1
+
+
+def attempts(store: Store, clock: SimpleNamespace, worker: DeliveryWorker, most: int) -> list[float]:
+    """Times of the attempts."""
+    times: list[float] = []
+    while store.outbox(1, "t") and len(times) < most:
+        failed = worker.failed
+        worker.once()
+        times += [clock.now] * (worker.failed > failed)
+        clock.now += 0.5 if len(times) < 6 else 50.0
+    return times
+
+
+def test_waits_double_up_to_a_bound_and_an_end_that_is_audited(store: Store, clock: SimpleNamespace) -> None:
+    id = sent(store, "finding", {"axis": "A1"}, "t")
+    worker = DeliveryWorker("t", store, Target({id: [Undelivered("500 no")] * MOST_ATTEMPTS}))
+    times = attempts(store, clock, worker, 10 * MOST_ATTEMPTS)
+    for k, (a, b) in enumerate(pairwise(times), 1):
+        wanted = min(2.0**k, LONGEST_WAIT_S)
+        assert wanted <= b - a <= wanted + 50.0 * (k > 5), "a step of the clock later at most"
+    assert worker.given_up == 1
+    assert given_up(store) == [f"finding {id} never arrived at t ({MOST_ATTEMPTS} attempts: 500 no)"]
+    again = sent(store, "finding", {"axis": "A1"}, "t")
+    for _ in range(MOST_ATTEMPTS):  # counted over restarts too
+        DeliveryWorker("t", store, Target({again: [Undelivered("500")]})).once()
+    assert len(given_up(store)) == 2
+
+
+def test_while_the_target_is_down_nothing_is_given_up(store: Store, clock: SimpleNamespace) -> None:
+    id = sent(store, "finding", {"axis": "A1"}, "t")
+    down = [Undelivered("refused", down=True) for _ in range(3 * MOST_ATTEMPTS)]
+    worker = DeliveryWorker("t", store, Target({id: down}))
+    assert len(attempts(store, clock, worker, 3 * MOST_ATTEMPTS)) == 3 * MOST_ATTEMPTS
+    assert worker.given_up == 0 and store.outbox(1, "t")[0].attempts == 0
+    clock.now += LONGEST_WAIT_S
+    worker.once()
+    assert store.outbox(1, "t") == [] and worker.delivered == 1
+
+
+@pytest.mark.parametrize("final", [True, False])
+def test_what_will_never_arrive_is_given_up_and_the_next_goes_on(
+    store: Store, clock: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, final: bool
+) -> None:
+    monkeypatch.setattr(delivery, "MOST_ATTEMPTS", 1)
+    first, second = (sent(store, "alarm", transition(a), "t") for a in ("RAISED", "RETURNED"))
+    error = Undelivered("400 not like this", final=True) if final else KeyError("axis")
+    target = Target({first: [error]})  # type: ignore[list-item]
+    DeliveryWorker("t", store, target).once()
+    assert target.taken == [second]
+    assert ("400 not like this" if final else "KeyError: 'axis'") in given_up(store)[0]

@@ -17,13 +17,13 @@ import httpx
 import pytest
 from stores import postgres_server, postgres_url
 from typer.testing import CliRunner
-from watched import leaking
 
 from fdd.cli.app import app
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.logs.tabular_writing import write_parquet
+from fdd.samples import Samples
 from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
 from fdd.service.service import Service
@@ -53,8 +53,8 @@ def ask(address: str, body: dict[str, Any] | None = None) -> Any:
     return answer.raise_for_status().json()
 
 
-def test_a_leak_is_told_acknowledged_and_kept(tmp_path: Path) -> None:
-    write_parquet(tmp_path / "run.parquet", leaking())
+def test_a_leak_is_told_acknowledged_and_kept(log: Samples, tmp_path: Path) -> None:
+    write_parquet(tmp_path / "run.parquet", log)
     text = (
         "schema: fdd.serve/1\nfallback: axis_a\nlisten: {port: 0}\n"
         "sources:\n- {type: replay, speed: max, logs: {A1: run.parquet}}\noutputs: {jsonl: told.jsonl}\n"
@@ -67,9 +67,8 @@ def test_a_leak_is_told_acknowledged_and_kept(tmp_path: Path) -> None:
         ask(f"{address}api/alarms/{alarm['id']}/acknowledge", {"note": "on my way"})
         assert ask(f"{address}api/axes")["axes"][0]["state"] == "in alarm"
         assert ask(f"{address}api/axes/A1")["findings"][0]["fault"] == "internal_leakage"
-        until(
-            lambda: (tmp_path / "told.jsonl").exists() and "RAISED" in (tmp_path / "told.jsonl").read_text()
-        )
+        told = tmp_path / "told.jsonl"
+        until(lambda: told.exists() and "RAISED" in told.read_text())
         with pytest.raises(InputError, match="another fdd serve"):
             Service(config)
     with serving(config) as service:
@@ -80,8 +79,7 @@ def test_a_leak_is_told_acknowledged_and_kept(tmp_path: Path) -> None:
         assert done.count("RAISED") == 1 and "ACKNOWLEDGED" in done
 
 
-def test_a_server_that_is_killed_meanwhile_is_told_and_nothing_is_lost(tmp_path: Path) -> None:
-    log = leaking()
+def test_a_server_that_is_killed_meanwhile_is_told_and_nothing_is_lost(log: Samples, tmp_path: Path) -> None:
     write_parquet(tmp_path / "run.parquet", log)
     url = postgres_url()
     text = (
@@ -110,7 +108,9 @@ def test_a_server_that_is_killed_meanwhile_is_told_and_nothing_is_lost(tmp_path:
     store.close()
 
 
-def test_the_command_checks_its_file_and_makes_tokens(tmp_path: Path) -> None:
+def test_the_command_checks_its_file_and_makes_tokens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = CliRunner().invoke
     path = tmp_path / "serve.yaml"
     path.write_text("schema: fdd.serve/1\nsources: [{type: udp, port: 9000}]\n")
@@ -120,20 +120,13 @@ def test_the_command_checks_its_file_and_makes_tokens(tmp_path: Path) -> None:
     assert made.exit_code == 0 and "ann acknowledge " in made.output
     for wrong in (["serve"], ["serve", "--token", "ann:boss"], ["serve", str(tmp_path / "none.yaml")]):
         assert run(app, wrong).exit_code == 2
-
-
-@pytest.mark.parametrize("arguments", [["--demo"], ["--token", "ann:view"]])
-def test_without_its_packages_it_names_the_extra(
-    arguments: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    refused = CliRunner().invoke(app, ["serve", *arguments])
-    assert refused.exit_code == 2 and "install fdd[serve]" in refused.output
+    for arguments in (["--demo"], ["--token", "ann:view"]):
+        refused = run(app, ["serve", *arguments])
+        assert refused.exit_code == 2 and "install fdd[serve]" in refused.output
 
 
-def test_a_fleet_that_fails_ends_the_service_with_what_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fleet_that_fails_ends_the_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not with status 0, by which nobody would start it again."""
     text = "schema: fdd.serve/1\nlisten: {port: 0}\nsources: [{type: udp, port: 0}]\n"
     for error in (InputError("the store is damaged"), RuntimeError("a fault of fdd")):
@@ -198,9 +191,7 @@ def test_whatever_the_file_names_is_opened_before_anything_is_made(line: str, tm
     assert [p.name for p in tmp_path.iterdir()] == ["serve.yaml"], "nothing half-made"
 
 
-def test_a_server_that_is_away_at_the_start_is_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_server_that_is_away_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     url = postgres_url()
     postgres_server().kill()
     monkeypatch.setattr("fdd.service.service.AGAIN_S", 0.2)
@@ -208,7 +199,7 @@ def test_a_server_that_is_away_at_the_start_is_waited_for(
     made: list[Service] = []
     starting = threading.Thread(target=lambda: made.append(Service(Serve.from_yaml(text, folder=tmp_path))))
     starting.start()
-    starting.join(2.0)
+    starting.join(1.0)
     assert starting.is_alive() and not made
     postgres_server().start()
     starting.join(60.0)
@@ -228,7 +219,7 @@ def test_a_demo_removes_what_a_killed_one_has_left(tmp_path: Path, monkeypatch: 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_refused_is_told_in_log_health_and_metrics(
+def test_refusals_are_told_in_log_health_and_metrics(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     text = "schema: fdd.serve/1\nlisten: {port: 0}\nsources: [{type: tcp, port: 0, name: line}]\n"

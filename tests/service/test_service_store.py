@@ -8,6 +8,7 @@ import sqlite3
 import threading
 import zlib
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from stores import LEAK, WALL, postgres_url
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
-from fdd.service.alarms import Action, AlarmBook
+from fdd.service.alarms import Action, AlarmBook, Transition
 from fdd.service.store import Checkpoint, LeaseLost, Rollup, Store
 from fdd.service.store.records import packed, unpacked
 
@@ -82,14 +83,10 @@ def test_everything_comes_back_as_it_was_written(store: Store, url: str) -> None
 
 def test_a_book_goes_on_from_the_store_as_if_it_had_never_stopped(store: Store) -> None:
     book, time = AlarmBook(), 0.0
-    for look in range(400):
-        time += 5.0
-        stands = [LEAK] * (look % 40 < 10)
-        if look % 7 == 0:
-            restored = AlarmBook()
-            restored.restore(store.book())
-            assert restored.state()["next_id"] == book.state()["next_id"]
-            book = restored
+
+    def look(*stands: FaultFinding, seconds: float = 5.0) -> list[Transition]:
+        nonlocal time
+        time += seconds
         twin = AlarmBook()
         twin.restore(book.state())
         transitions = book.update("A1", time, WALL + time, stands)
@@ -98,31 +95,28 @@ def test_a_book_goes_on_from_the_store_as_if_it_had_never_stopped(store: Store) 
             t.alarm(*book.alarms("A1"))
             for transition in transitions:
                 t.transition(transition)
+        return transitions
+
+    for number in range(400):
+        if number % 7 == 0:
+            restored = AlarmBook()
+            restored.restore(store.book())
+            assert restored.state()["next_id"] == book.state()["next_id"]
+            book = restored
+        look(*[LEAK] * (number % 40 < 10))
     # Raised for 50 s each 200 s, never acknowledged: one alarm, whoever restarts.
     (row,) = store.alarms()
     assert (row["count"], row["chattering"]) == (10, True)
-    assert [r["action"] for r in reversed(store.audit())] == [
-        "RAISED",
-        *["RETURNED", "RERAISED"] * 9,
-        "RETURNED",
-    ]
-
-
-def test_the_book_knows_an_alarm_that_has_just_ended_and_gives_no_id_twice(store: Store) -> None:
-    book = AlarmBook()
-    for time, stands in ((5.0, [LEAK]), (65.0, []), (800.0, []), (805.0, [LEAK])):
-        with store.transaction() as t:
-            for transition in book.update("A1", time, WALL + time, stands):
-                t.transition(transition)
+    actions = ["RAISED", *["RETURNED", "RERAISED"] * 9, "RETURNED"]
+    assert [r["action"] for r in reversed(store.audit())] == actions
     with store.transaction() as t:
         t.transition(book.act(Action("acknowledge", 1, "ann"), WALL))
-        for time in (865.0, 1500.0):
-            for transition in book.update("A1", time, WALL + time, []):
-                t.transition(transition)
+    for seconds in (4000.0, 4000.0):
+        look(seconds=seconds)
     assert [a["state"] for a in store.alarms()] == ["NORMAL"]
-    restored = AlarmBook()
-    restored.restore(store.book())
-    assert [t.alarm.id for t in restored.update("A1", 2000.0, WALL, [LEAK])] == [2]
+    book = AlarmBook()
+    book.restore(store.book())
+    assert [t.alarm.id for t in look(LEAK, seconds=500.0)] == [2], "no id is given twice"
 
 
 def test_a_block_that_fails_leaves_nothing(store: Store) -> None:
@@ -238,18 +232,6 @@ def test_what_is_old_goes_and_the_rest_stays(store: Store) -> None:
     assert store.compact(WALL)["minutes"] == 0
 
 
-def test_room_on_the_disk_is_given_back(tmp_path: Path) -> None:
-    path = tmp_path / "fdd.db"
-    store = Store(f"sqlite:///{path}")
-    with store.transaction() as t:
-        last = t.accept_all([("A1", bytes(8000))] * 500)
-    with store.transaction() as t:
-        t.checkpoint(Checkpoint("A1", 1.0, WALL, last, "", "", "", b""))
-    store.compact(WALL)
-    assert path.stat().st_size < 500_000
-    store.close()
-
-
 @pytest.mark.parametrize(
     ("kind", "change"),
     [
@@ -279,47 +261,40 @@ def test_the_audit_only_grows_whoever_opens_it(kind: str, change: str, tmp_path:
 
 
 def test_readers_and_writers_of_many_threads_do_not_disturb_each_other(store: Store) -> None:
-    troubles: list[BaseException] = []
-
     def write(axis: str) -> None:
-        try:
-            for n in range(25):
-                with store.transaction() as t:
-                    t.accept_all([(axis, b"%d" % n)])
-                    t.rollup(Rollup("all", "n", WALL, 1, float(n), 0.0, float(n), float(n)))
-                assert len(store.journal(axis)) == n + 1
-        except BaseException as error:
-            troubles.append(error)
+        for n in range(25):
+            with store.transaction() as t:
+                t.accept_all([(axis, b"%d" % n)])
+                t.rollup(Rollup("all", "n", WALL, 1, float(n), 0.0, float(n), float(n)))
+            assert len(store.journal(axis)) == n + 1
 
-    threads = [threading.Thread(target=write, args=(f"A{k}",)) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert troubles == []
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(write, ("A0", "A1", "A2", "A3")))
     (minute,) = store.rollups("all", "n", "minute")
     assert minute["n"] == 100 and minute["mean"] == pytest.approx(12.0)
 
 
-def test_a_state_that_another_version_packed_is_refused_in_one_line() -> None:
-    state = b"state" * 1000
-    assert unpacked(*packed(state), where="fdd.db") == state
-    old = zlib.compress(state, 1)
-    with pytest.raises(InputError, match="of another version of fdd; the axis must start anew"):
-        unpacked(old, hashlib.sha256(old).hexdigest(), where="fdd.db")
-
-
-def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
-    store = Store(f"sqlite:///{tmp_path}/fdd.db")
+def test_room_on_the_disk_is_given_back_and_a_damaged_checkpoint_refused(tmp_path: Path) -> None:
+    path = tmp_path / "fdd.db"
+    store = Store(f"sqlite:///{path}")
     with store.transaction() as t:
-        t.checkpoint(Checkpoint("A1", 1.0, WALL, 0, "", "", "", b"state" * 100))
-    with sqlite3.connect(tmp_path / "fdd.db") as other:
+        last = t.accept_all([("A1", bytes(8000))] * 500)
+    with store.transaction() as t:
+        t.checkpoint(Checkpoint("A1", 1.0, WALL, last, "", "", "", b"state" * 100))
+    store.compact(WALL)
+    assert path.stat().st_size < 500_000
+    with sqlite3.connect(path) as other:
         body = bytearray(other.execute("SELECT body FROM checkpoint").fetchone()[0])
         body[5] ^= 1
         other.execute("UPDATE checkpoint SET body = ?", (bytes(body),))
     with pytest.raises(InputError, match="a checkpoint is damaged; the axis must start anew"):
         store.checkpoint("A1")
     store.close()
+    state = b"state" * 1000
+    assert unpacked(*packed(state), where="fdd.db") == state
+    old = zlib.compress(state, 1)
+    with pytest.raises(InputError, match="of another version of fdd; the axis must start anew"):
+        unpacked(old, hashlib.sha256(old).hexdigest(), where="fdd.db")
 
 
 def test_who_was_taken_over_writes_nothing_any_more(url: str) -> None:

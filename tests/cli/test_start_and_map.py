@@ -1,0 +1,176 @@
+"""How a command starts and what it loads; ``fdd map`` and ``fdd inspect`` on a foreign log."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fdd import __version__
+from fdd.logs import ChannelMap, read_log
+
+UNUSED = [
+    "scipy.linalg", "scipy.optimize", "scipy.signal", "scipy.special", "scipy.stats", "pandas", "pyarrow",
+    "sklearn", "numpy.f2py", "numba.np.arraymath", "matplotlib", "jinja2", "h5py", "pint", "fdd.plant",
+    "fdd.monitor", "fdd.campaign",
+]  # fmt: skip
+
+
+def loaded(names: list[str], *arguments: object) -> list[str]:
+    """Which of some modules a command loads."""
+    program = (
+        "import sys; from fdd.cli import main\n"
+        "try: main()\n"
+        f"finally: print(*(m for m in {names} if m in sys.modules), file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, *map(str, arguments)], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stderr.splitlines()[-1].split()
+
+
+def test_diagnose_loads_nothing_that_it_does_not_use(logs, tiny_model_file) -> None:
+    command = ("diagnose", logs["healthy"], "--unit", "axis_a", "--model", tiny_model_file)
+    loaded(UNUSED, *command)  # the first one here may have to compile, which loads the compiler
+    assert loaded(UNUSED, *command) == []
+
+
+def test_help_loads_no_library_and_looks_for_no_package() -> None:
+    names = [
+        "numpy",
+        "numba",
+        "scipy",
+        "pandas",
+        "pyarrow",
+        "sklearn",
+        "pydantic",
+        "mcap",
+        "yaml",
+        "fdd.packages",
+    ]
+    assert loaded(names, "--help") == []
+
+
+def test_commands_are_found_one_after_the_other() -> None:
+    names = ["inspect", "map", "profile", "diagnose", "--version"]
+    program = (
+        "import sys; from fdd.cli import main\n"
+        "for name in sys.argv[1:]:\n"
+        "    sys.argv = ['fdd', name, '--help']\n"
+        "    try: main()\n"
+        "    except SystemExit as end: assert not end.code\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program, *names], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    usages = [line.split() for line in done.stdout.splitlines() if "Usage:" in line]
+    assert [u[u.index("fdd") + 1] for u in usages] == names[:-1]
+    assert done.stdout.splitlines()[-1].startswith("fdd ")
+
+
+def offered(line: str) -> list[str]:
+    """What bash would show after this line; the last word is being typed."""
+    environment = {
+        **os.environ, "_FDD_COMPLETE": "complete_bash", "COMP_WORDS": line,
+        "COMP_CWORD": str(len(line.split(" ")) - 1),
+    }  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", "from fdd.cli import main; main()"], env=environment, capture_output=True,
+        text=True, timeout=60,
+    )  # fmt: skip
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("fdd d", ["diagnose", "demo"]),
+        ("fdd simulate --fault pump", ["pump_wear"]),
+        ("fdd diagnose run.mcap --unit ", ["axis_a", "axis_b"]),
+        ("fdd identify --base rig", []),
+    ],
+)
+def test_the_shell_offers(line: str, expected: list[str]) -> None:
+    assert offered(line) == expected
+
+
+def test_help_is_grouped(run) -> None:
+    shown = run("--help").stdout
+    places = [shown.index(f" {title} ─") for title in ("Use", "Rigs", "Research")]
+    use, rigs, research = places
+    assert places == sorted(places)
+    for command, (start, stop) in {
+        "diagnose": (use, rigs), "identify": (rigs, research), "profile": (rigs, research),
+        "simulate": (research, len(shown)),
+    }.items():  # fmt: skip
+        assert start < shown.index(f"│ {command} ") < stop
+    assert "--install-completion" in shown and run("--version").stdout == f"fdd {__version__}\n"
+
+
+@pytest.fixture(scope="module")
+def foreign(logs, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The healthy log under names of a rig's own, pressures in kPa without saying so."""
+    samples = read_log(logs["healthy"]).samples
+    path = tmp_path_factory.mktemp("foreign") / "rig.csv"
+    columns = {
+        "t": samples.time,
+        "pump_rpm": samples["pump_speed"] * 30 / np.pi,
+        "cyl_mm": 1e3 * samples["position"],
+        "p1": samples["pressure_1"] / 1e3,
+        "p2": samples["pressure_2"] / 1e3,
+    }
+    pd.DataFrame(columns).to_csv(path, index=False)
+    return path
+
+
+def test_an_answered_question_gives_a_map(run, logs, foreign: Path, tmp_path: Path) -> None:
+    out = tmp_path / "map.yaml"
+    result = run("map", foreign, "-o", out, "--set", "pressure=:kPa", "--axis", "axis_a")
+    assert result.exit_code == 0 and "as it should" in result.stdout, result.stderr
+    assert ChannelMap.load(out).axis == "axis_a"
+    read, wanted = read_log(foreign, out).samples, read_log(logs["healthy"]).samples
+    for channel in ("position", "pump_speed", "pressure_1", "pressure_2"):
+        np.testing.assert_allclose(read[channel], wanted[channel], rtol=1e-9, atol=1e-9)
+
+
+def test_an_open_question_is_told_and_nothing_written(run, foreign: Path, tmp_path: Path) -> None:
+    result = run("map", foreign, "-o", tmp_path / "map.yaml")
+    assert result.exit_code == 2 and "--set pressure=:" in result.stderr and "--yes" in result.stderr
+    assert not (tmp_path / "map.yaml").exists()
+    assert run("map", foreign, "-o", tmp_path / "map.yaml", "--yes").exit_code == 0
+    text = (tmp_path / "map.yaml").read_text()
+    assert "In which unit are p1, p2? Assumed: " in text and " assumed" in text
+
+
+@pytest.mark.parametrize(
+    ("given", "said"), [("pressur=:kPa", "did you mean 'pressure"), ("position=x", "no column 'x'")]
+)
+def test_wrong_answers_are_told(run, one_line, foreign: Path, tmp_path: Path, given: str, said: str) -> None:
+    one_line(run("map", foreign, "-o", tmp_path / "map.yaml", "--yes", "--set", given), said)
+
+
+def test_inspect_shows_every_signal(run, logs, foreign: Path) -> None:
+    result = run("inspect", foreign)
+    for name in ("pump_rpm", "cyl_mm", "p1"):
+        assert name in result.stdout
+    assert "1000" in result.stdout
+    messages = run("inspect", logs["healthy"]).stdout
+    assert "  /eha/axis_a/measurement " in messages and "    pressure_difference " in messages
+
+
+def test_the_command_may_stand_in_for_the_speed(foreign: Path) -> None:
+    """Test: a map without a measured speed. Expected: the demand's values, said so in the quality."""
+    channel_map = ChannelMap.from_yaml(
+        "time: {column: t}\ncommand: {column: pump_rpm, unit: rpm}\npump_speed: {from: command}\n"
+        "position: {column: cyl_mm, unit: mm}\n"
+        "pressure_1: {column: p1, unit: kPa}\npressure_2: {column: p2, unit: kPa}\n"
+    )
+    log = read_log(foreign, channel_map)
+    np.testing.assert_array_equal(log.samples["pump_speed"], log.samples["command"])
+    assert any("the command stands in" in note for note in log.quality.notes)
