@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from volume_balance import Window, fit_balance
 
 from estimators.eha import layout
 from estimators.eha import model as eha
@@ -27,7 +28,6 @@ from fdd.logs import ChannelMap, read_log
 from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
 from fdd.samples import Samples
 from fdd.unit import Unit
-from reports.estimators.least_squares import Window, fit_balance
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 WINDOW_S = 8.0

@@ -11,14 +11,13 @@ import typer
 from fdd.cli.console import counted
 from fdd.cli.failures import Commands, prepare_process
 from fdd.cli.options import EngineOption, WorkersOption
-from reports import budget, disturbed, identification, left_out, scales
+from reports import budget, datasets, disturbed
 from reports.estimators.report import estimators
-from reports.live.outage import outage
-from reports.live.report import load
+from reports.live.report import load, outage
 from reports.live.soak import soak
 from reports.plant.report import plant
 from reports.thesis.report import thesis
-from reports.troubles.report import troubles
+from reports.troubles import troubles
 
 DatasetArgument = Annotated[Path, typer.Argument(help="Folder that fdd generate made.", show_default=False)]
 ModelOption = Annotated[
@@ -47,14 +46,16 @@ def of_data_set(measure: Callable[..., Any], table: Callable[[Any], str], words:
     app.command(measure.__name__.replace("_", "-"), help=words)(command)
 
 
-of_data_set(budget.budget, budget.table, "Where visible faults are lost, and what healthy logs differ by.")
-of_data_set(identification.identification, identification.table,
-            "Identify each unit from its data sheet: refusals, and do deviations come true?")  # fmt: skip
-of_data_set(
-    scales.scales, scales.table, "Read healthy logs in wrong units of measure: refused, or warned of?"
-)
-of_data_set(disturbed.disturbed, disturbed.table, "Compare answers on logs cut, holed or mirrored.")
-of_data_set(left_out.left_out, left_out.table, "Diagnose faulty logs without their fault's signatures.")
+for measure, table, words in (
+    (budget.budget, budget.table, "Where visible faults are lost, and what healthy logs differ by."),
+    (datasets.identification, datasets.identification_table,
+     "Identify each unit from its data sheet: refusals, and do deviations come true?"),
+    (datasets.scales, datasets.scales_table,
+     "Read healthy logs in wrong units of measure: refused, or warned of?"),
+    (disturbed.disturbed, disturbed.table, "Compare answers on logs cut, holed or mirrored."),
+    (datasets.left_out, datasets.left_out_table, "Diagnose faulty logs without their fault's signatures."),
+):  # fmt: skip
+    of_data_set(measure, table, words)
 
 if __name__ == "__main__":
     prepare_process()

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import MappingProxyType
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.scores import wilson
@@ -34,35 +33,20 @@ NEAR_S = 1.0
 """s within which two onsets are the same: two frames."""
 TURNED = ("command", "pump_angle", "pump_speed", "position", "pressure_difference", "motor_current",
           "position_setpoint", "load_force")  # fmt: skip
-OTHER_UNITS = dict.fromkeys(PRESSURES, ("psi", 6894.757293168361)) | {
-    "position": ("in", 0.0254), "pump_angle": ("deg", np.pi / 180.0),
-}  # fmt: skip
-"""Channel to a unit of measure and what one of it is in SI (NIST SP 811)."""
 SWAPPED = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
+
+
+def _kept(log: Samples, keep: NDArray[np.bool_]) -> Samples:
+    return Samples(log.time[keep], {c: log[c][keep] for c in log.channels})
 
 
 def holed(log: Samples, rng: np.random.Generator) -> Samples:
     """A log without 50 ms somewhere."""
     start = rng.uniform(log.time[0], log.time[-1] - HOLE_S)
-    return _chosen(log, (log.time < start) | (log.time >= start + HOLE_S))
+    return _kept(log, (log.time < start) | (log.time >= start + HOLE_S))
 
 
-def early(log: Samples, rng: np.random.Generator) -> Samples:
-    """A log whose first row came 0.6 s before the rest."""
-    return _chosen(log, (log.time == log.time[0]) | (log.time >= log.time[0] + EARLY_S))
-
-
-def beheaded(log: Samples, rng: np.random.Generator) -> Samples:
-    """A log without its first five seconds."""
-    return _chosen(log, log.time >= log.time[0] + HEAD_S)
-
-
-def converted(log: Samples, rng: np.random.Generator) -> Samples:
-    """A log that was kept in psi, inches and degrees, as the reader takes it."""
-    return as_read(log, units=OTHER_UNITS)
-
-
-def sampled(log: Samples, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Samples:
+def sampled(log: Samples, time: NDArray[np.float64]) -> Samples:
     """A log whose recorder took its samples at other times: speeds are means since the sample before."""
     out = {}
     for channel in log.channels:
@@ -104,23 +88,12 @@ def slow_pressures(log: Samples, rng: np.random.Generator) -> Samples | None:
     return as_read(Samples(log.time, {c: log[c][held] if c in PRESSURES else log[c] for c in log.channels}))
 
 
-def in_milliseconds(log: Samples, rng: np.random.Generator) -> Samples:
-    """A log in ms that began an hour after its clock."""
-    return as_read(log, offset=3600.0)
-
-
-def as_read(
-    log: Samples, offset: float = 0.0, units: Mapping[str, tuple[str, float]] = MappingProxyType({})
-) -> Samples:
-    """What `read_log` makes of a log that was kept with its time in ms, and channels in `units`."""
+def as_read(log: Samples) -> Samples:
+    """What `read_log` makes of a log that was kept with its time in ms."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "log.parquet"
-        kept = {c: log[c] / units[c][1] if c in units else log[c] for c in log.channels}
-        columns = {"t": 1e3 * (log.time + offset), **kept}
-        pd.DataFrame(columns).to_parquet(path, index=False)
+        pd.DataFrame({"t": 1e3 * log.time, **log.columns}).to_parquet(path, index=False)
         sources = {"time": {"column": "t", "unit": "ms"}, **{c: {"column": c} for c in log.channels}}
-        for channel in units.keys() & sources.keys():
-            sources[channel]["unit"] = units[channel][0]
         read = read_log(path, ChannelMap.model_validate({"channels": sources})).samples
     return Samples(read.time - read.time[0] + log.time[0], read.columns)
 
@@ -137,41 +110,38 @@ def mirrored_unit(unit: Unit, healthy: list[Samples]) -> Unit:
     f, c = out.friction, out.cylinder
     f.forward, f.reverse = f.reverse, f.forward
     c.area_1, c.area_2, c.volume_1, c.volume_2 = c.area_2, c.area_1, c.volume_2, c.volume_1
-    sensors = {SWAPPED.get(n, n): s.model_copy(deep=True) for n, s in unit.sensors.items()}
-    for name in TURNED:
-        if name in sensors:
-            sensors[name].zero = -sensors[name].zero
-    out.sensors = sensors
+    out.sensors = {SWAPPED.get(n, n): s.model_copy(deep=True) for n, s in unit.sensors.items()}
+    for name in out.sensors.keys() & set(TURNED):
+        out.sensors[name].zero = -out.sensors[name].zero
     return add_baseline(out, [mirrored(log) for log in healthy])
 
 
 DISTURBANCES: dict[str, Disturbance] = {
     f"pushed in blocks of {BLOCK} samples": lambda log, rng: log,
     "50 ms missing": holed,
-    "first row 0.6 s early": early,
-    "first 5 s left out": beheaded,
-    "kept in psi, inches and degrees": converted,
+    "first row 0.6 s early": lambda log, rng: _kept(
+        log, (log.time == log.time[0]) | (log.time >= log.time[0] + EARLY_S)
+    ),
+    "first 5 s left out": lambda log, rng: _kept(log, log.time >= log.time[0] + HEAD_S),
     "200 Hz": at_rate(200.0),
     "500 Hz": at_rate(500.0),
     "2 kHz": at_rate(2000.0),
     "the second half at half the rate": changing,
     "pressures at 200 Hz, held in between": slow_pressures,
-    "time in ms, an hour late": in_milliseconds,
+    "time in ms": lambda log, rng: as_read(log),
     "the other end forward": mirrored,
 }
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """One log's answers, plain and disturbed.
 
-    `unit`: which. `disturbance`: of `DISTURBANCES`. `healthy`: so it was. `verdict`, `fault`, `onset`:
-    whether these are the same: the leading fault or one of its ambiguity group, the onset to a second.
+    `unit`: which. `disturbance`: of `DISTURBANCES`. `verdict`, `fault`, `onset`: whether these are the same:
+    the leading fault or one of its ambiguity group, the onset to a second.
     """
 
     unit: str
     disturbance: str
-    healthy: bool
     verdict: bool
     fault: bool
     onset: bool
@@ -183,32 +153,25 @@ def disturbed(directory: str | Path, model: str | None = None, **how: Unpack[How
 
 
 def _compared(data: Dataset, unit: str, model: Model) -> list[Comparison]:
-    profile = identified_unit(data, unit)
+    profile, logs, out = identified_unit(data, unit), data.logs_of(unit), []
     turned = mirrored_unit(profile, data.baseline(unit))
-    logs = data.logs_of(unit)
-    out = []
-    for wanted in (False, True):
-        entry = next((e for e in logs if e.healthy is wanted), None)
-        if entry is None:
-            continue
+
+    def answer(profile: Unit, log: Samples, block: int) -> Diagnosis:
+        pipeline = Pipeline(profile, model, keep_trajectories=False)
+        for part in log.blocks(block):
+            pipeline.push(part)
+        return pipeline.finish()
+
+    for entry in filter(None, (next((e for e in logs if e.healthy is h), None) for h in (False, True))):
         log = data.samples(entry)
-        plain = _answer(profile, model, log)
+        plain = answer(profile, log, len(log))
         for name, change in DISTURBANCES.items():
-            rng = np.random.default_rng(zlib.crc32(f"{entry.file} {name}".encode()))
-            other = change(log, rng)
-            if other is None:
-                continue
-            block = BLOCK if other is log else len(other)
-            found = _answer(turned if change is mirrored else profile, model, other, block)
-            out.append(Comparison(unit, name, wanted, *_same(plain, found)))
+            other = change(log, np.random.default_rng(zlib.crc32(f"{entry.file} {name}".encode())))
+            if other is not None:
+                block = BLOCK if other is log else len(other)
+                found = answer(turned if change is mirrored else profile, other, block)
+                out.append(Comparison(unit, name, *_same(plain, found)))
     return out
-
-
-def _answer(unit: Unit, model: Model, log: Samples, block: int = 10**9) -> Diagnosis:
-    pipeline = Pipeline(unit, model, keep_trajectories=False)
-    for start in range(0, len(log), block):
-        pipeline.push(log.rows(start, min(start + block, len(log))))
-    return pipeline.finish()
 
 
 def _same(one: Diagnosis, other: Diagnosis) -> tuple[bool, bool, bool]:
@@ -221,10 +184,6 @@ def _same(one: Diagnosis, other: Diagnosis) -> tuple[bool, bool, bool]:
     return verdict, fault, abs(a.onset_s - b.onset_s) <= NEAR_S
 
 
-def _chosen(log: Samples, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Samples:
-    return Samples(log.time[keep], {c: log[c][keep] for c in log.channels})
-
-
 def table(compared: list[Comparison]) -> str:
     """The section of a report (Markdown)."""
     told = (
@@ -234,7 +193,7 @@ def table(compared: list[Comparison]) -> str:
     rows = []
     for name in DISTURBANCES:
         mine = [c for c in compared if c.disturbance == name]
-        same = [sum(getattr(c, what) for c in mine) for what in ("verdict", "fault", "onset")]
+        same = (sum(getattr(c, what) for c in mine) for what in ("verdict", "fault", "onset"))
         rows.append([name, str(len(mine)), *(wilson(n, len(mine)) for n in same)])
     head = ["disturbance", "logs", "verdict", "leading fault or its group", "onset within 1 s"]
     return told + "\n".join(markdown(head, rows))

@@ -13,7 +13,8 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,15 +25,6 @@ import fdd
 from fdd.errors import InputError
 
 AXIS = "A1"
-# The host's clock as the process sees it, `clock` seconds off: a file, so that it can be stepped meanwhile.
-PROGRAM = """
-import pathlib, sys, time
-off, real = pathlib.Path(sys.argv.pop(1)), time.time
-if off.exists():
-    time.time = lambda: real() + float(off.read_text())
-from fdd.cli import main
-main()
-"""
 STARTED_S = 120.0
 MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 
@@ -52,35 +44,28 @@ def until(done: Callable[[], Any], seconds: float) -> Any:
     return found
 
 
-class Broker:
-    """A mosquitto on a free port, that keeps its sessions on disk where it is `lasting`."""
+@contextmanager
+def broker(folder: Path) -> Iterator[int]:
+    """A mosquitto that listens on a port.
 
-    def __init__(self, folder: Path, *, lasting: bool = False) -> None:
-        self.port, self._config = free_port(), folder / "mosquitto.conf"
-        settings = [f"listener {self.port} 127.0.0.1", "allow_anonymous true", "max_queued_messages 1000000"]
-        if lasting:
-            settings += ["persistence true", f"persistence_location {folder}/", "user root"]
-        self._config.write_text("\n".join(settings) + "\n")
-        self.start()
+    Raises `InputError`: it does not.
+    """
+    assert MOSQUITTO is not None
+    port, config = free_port(), folder / "mosquitto.conf"
+    config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 1000000\n")
+    process = subprocess.Popen([MOSQUITTO, "-c", str(config)], stderr=subprocess.DEVNULL)
 
-    def start(self) -> None:
-        """Start it, and wait until it listens.
-
-        Raises `InputError`: it does not.
-        """
-        assert MOSQUITTO is not None
-        self._process = subprocess.Popen([MOSQUITTO, "-c", str(self._config)], stderr=subprocess.DEVNULL)
-        if not until(self._listens, 20.0):
-            raise InputError("mosquitto does not listen", mend="start it by hand and see what it says")
-
-    def _listens(self) -> bool:
+    def listens() -> bool:
         with socket.socket() as probe:
-            return probe.connect_ex(("127.0.0.1", self.port)) == 0
+            return probe.connect_ex(("127.0.0.1", port)) == 0
 
-    def stop(self) -> None:
-        """End it; it writes what it keeps."""
-        self._process.terminate()
-        self._process.wait()
+    try:
+        if not until(listens, 20.0):
+            raise InputError("mosquitto does not listen", mend="start it by hand and see what it says")
+        yield port
+    finally:
+        process.terminate()
+        process.wait()
 
 
 class Process:
@@ -94,7 +79,7 @@ class Process:
         self, folder: Path, sources: list[dict[str, Any]], core: int | None = None, **more: Any
     ) -> None:
         self.folder, self.sources, self.port, self._core = folder, sources, free_port(), core
-        self.state, self.clock, self.log = folder / "state", folder / "clock", folder / "log.txt"
+        self.state, self.log = folder / "state", folder / "log.txt"
         config = {"schema": "fdd.serve/1", "state": "state", "fallback": "axis_a", "sources": sources,
                   "listen": {"port": self.port}, **more}  # fmt: skip
         (folder / "serve.yaml").write_text(yaml.safe_dump(config))
@@ -104,19 +89,17 @@ class Process:
         """Start it, and go on at once."""
         paths = [str(Path(fdd.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
         pinned = None if self._core is None else partial(os.sched_setaffinity, 0, {self._core})
+        program = [sys.executable, "-c", "from fdd.cli import main; main()", "serve"]
         with self.log.open("ab") as log:
             self.popen = subprocess.Popen(
-                [sys.executable, "-c", PROGRAM, str(self.clock), "serve", str(self.folder / "serve.yaml")],
-                stdout=log, stderr=log, stdin=subprocess.DEVNULL, preexec_fn=pinned,
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in paths if p)},
+                [*program, str(self.folder / "serve.yaml")], stdout=log, stderr=log, stdin=subprocess.DEVNULL,
+                preexec_fn=pinned, env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
             )  # fmt: skip
 
-    def start(self) -> float:
-        """Start it and wait until it answers; the seconds that this took."""
-        begun = time.monotonic()
+    def start(self) -> None:
+        """Start it and wait until it answers."""
         self.spawn()
         until(lambda: self.get("/api/health") or self.popen.poll() is not None, STARTED_S)
-        return time.monotonic() - begun
 
     def get(self, path: str) -> Any:
         """An answer of the API, None where there is none; as another client than those that attack."""

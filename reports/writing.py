@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -41,11 +41,11 @@ def require_folder(out: Path, *, pictures: bool = False) -> None:
         require_matplotlib()
 
 
-def write_report(path: Path, lines: Iterable[str]) -> None:
-    """Write a report of Markdown lines and say where it is."""
+def write_report(path: Path, text: str) -> None:
+    """Write a report (Markdown) and say where it is."""
     with written(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, "\n".join(lines).rstrip() + "\n")
+    write_text(path, text.rstrip() + "\n")
     print(f"Written to {path}")
 
 
@@ -57,6 +57,11 @@ def template(path: Path, **filters: Callable[..., str]) -> Template:
     )  # fmt: skip
     environment.filters |= {"f": format, **filters}
     return environment.get_template(path.name)
+
+
+def render(path: Path, **figures: Any) -> str:
+    """A report's text with what was measured."""
+    return template(path).render(**figures)
 
 
 Curve = tuple[Any, Any, str, str | None]

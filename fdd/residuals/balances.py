@@ -180,7 +180,7 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
 AERATION = 0.025
 """Free air of severity 1: volume at atmospheric pressure over that of oil."""
 CREEP_M_S = 1e-3
-"""m/s of the film below which a seal creeps: the film is thin, and friction, near break-away, scatters more."""
+"""m/s of the film below which a seal creeps: it is thin, and friction, near break-away, scatters more."""
 LAG_S = 0.01
 """s of a pressure behind the piston's motion, by its sensor and by what the load compresses, that the force
 balance counts in."""

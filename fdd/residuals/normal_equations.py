@@ -41,4 +41,5 @@ class NormalEquations(NamedTuple):
     def scattered(self, variance: float) -> NormalEquations:
         """The same with that variance of the rows, where theirs is less."""
         share = min(self.variance / variance, 1.0)
-        return NormalEquations(self.information * share, self.vector * share, self.rows, self.variance / share)
+        of_frame = self.information * share, self.vector * share
+        return NormalEquations(*of_frame, self.rows, self.variance / share)

@@ -1,1 +1,1 @@
-"""How well the EHA estimators do: against the Cramér-Rao bound, least squares and filterpy."""
+"""How well the EHA estimators do: against the Cramér-Rao bound and filterpy."""

@@ -1,4 +1,4 @@
-"""The matched world: runs drawn from the estimators' own model with the noise that they assume.
+"""The matched world, runs drawn from the estimators' own model with the noise that they assume; the bound.
 
 Here nothing is wrong with the filter's model, so what it claims must hold: consistency and the bound can be
 taken at their word. Parameters begin a draw of the filter's initial spread away from its first estimate and
@@ -16,23 +16,33 @@ set the filter takes the low side for fed and near the charge; there it is held 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from estimators.eha import layout
 from estimators.eha import model as eha
+from estimators.eha.update import MOVING, propagate
+from estimators.kernels import scalar_update
 from fdd.plant.duty import duty_named
 from fdd.unit import Unit
-from reports.estimators.cases import MOTIONS, Case, Trajectory
+from reports.estimators.cases import (
+    FORCE_PERIOD,
+    LOW_SIDE,
+    LOW_SIDE_TIME,
+    MOTIONS,
+    SETTLING,
+    Array,
+    Assumed,
+    Case,
+    Rows,
+    Trajectory,
+    chamber_noise,
+)
 from reports.estimators.compiled import njit
-from reports.estimators.model import FORCE_PERIOD, LOW_SIDE, LOW_SIDE_TIME, Assumed
-
-Array = NDArray[np.float64]
 
 FASTEST = 0.1
 """m/s; the set-point is followed no faster."""
@@ -63,8 +73,7 @@ _LOADS = {
 _OF_LOAD = (eha.LOAD, eha.STIF, eha.THROT, eha.INERT)
 
 
-@dataclass(frozen=True)
-class Jump:
+class Jump(NamedTuple):
     """A change of one parameter: its state times `factor` plus `shift`, at `onset` s."""
 
     state: int
@@ -79,13 +88,6 @@ def matched_unit(base: Unit) -> Unit:
     return base.model_copy(update={"pump": pump})
 
 
-def position_of(duty: str, n: int, rng: np.random.Generator) -> Array:
-    """A smooth position (m) that follows a duty, (n + 1,)."""
-    setpoint = duty_named(**MOTIONS[duty]).setpoint(n + 1, True, rng)
-    limited = _limited(setpoint, FASTEST * 1e-3)
-    return np.asarray(sosfiltfilt(butter(2, SMOOTH_HZ, fs=1000.0, output="sos"), limited))
-
-
 def draw(
     case: Case, duration: float, model: eha.Parameters, prior: Assumed, rng: np.random.Generator,
     jump: Jump | None = None,
@@ -96,17 +98,23 @@ def draw(
     `duration`: s. `model`: parameter array of the unit. `prior`: what the filter assumes. `jump`: of one
     parameter, beside its walk.
 
-    Gives `truth`: the run. `block`: (n, 9) what the estimators are given.
+    Gives `truth`: the run. `block`: (n, 9) what the case's sensors show, as `EhaTracker.push` takes it.
     """
     n = round(duration * 1e3)
-    position = position_of(case.duty, n, rng) * 1e3
-    start = _start(case, prior, rng)
-    held = [i for i in _OF_LOAD if start[i] == 0.0]
+    setpoint = duty_named(**MOTIONS[case.duty]).setpoint(n + 1, True, rng)
+    smooth = sosfiltfilt(butter(2, SMOOTH_HZ, fs=1000.0, output="sos"), _limited(setpoint, FASTEST * 1e-3))
+    position = np.asarray(smooth) * 1e3
+    # Parameters begin at the filter's first estimate and a draw of its spread.
+    start = prior.start + prior.spread * rng.standard_normal(eha.STATES)
+    start[: eha.P2 + 1] = 0.0
+    without = [i for i in _OF_LOAD if i not in _LOADS.get(case.load, ())]
+    start[without] = 0.0
+    start[eha.THROT] = min(abs(start[eha.THROT]), MOST_THROTTLE)
+    start[eha.STIF] = abs(start[eha.STIF])
     walk = prior.walk * np.sqrt(1e-3)
-    walk[held] = 0.0
-    parameters = _walked(
-        start, prior.start, walk, prior.pull * 1e-3, rng.standard_normal((n + 1, eha.STATES))
-    )
+    walk[without] = 0.0
+    normals = rng.standard_normal((n + 1, eha.STATES))
+    parameters = _walked(start, prior.start, walk, prior.pull * 1e-3, normals)
     if jump is not None:
         row = round(jump.onset * 1e3)
         changed = start[jump.state] if jump.factor == 1.0 else parameters[row, jump.state]
@@ -118,23 +126,19 @@ def draw(
     volumes = rng.standard_normal((n + 1, 2)) * prior.sizes.small
     states = np.empty((n, eha.STATES))
     if case.minimum:
-        accumulator = float(model.accumulator_pressure)
-        low = _low_side(accumulator, rng.standard_normal(n + 1))
+        # The chamber that is fed stays as near to the charge as the filter thinks, and moves as slowly.
+        accumulator, slow = float(model.accumulator_pressure), 1.0 / LOW_SIDE_TIME
+        steps = LOW_SIDE * rng.standard_normal(n + 1)
+        steps[1:] *= np.sqrt(2.0 * slow)
+        away = gaussian_filter1d(lfilter([1.0], [1.0, slow - 1.0], steps), LOW_SMOOTHING, mode="nearest")
+        low = np.maximum(accumulator + away, LEAST_PRESSURE)
         _follow(position, parameters, force, volumes, accumulator, 0.0, low, model, states)
     else:
         accumulator, charged = LOWEST - CLEARANCE, 2.0 * LOWEST
         for _ in range(4):  # until the lowest pressure is where it shall be; compression is not quite linear
             _follow(position, parameters, force, volumes, accumulator, charged, np.empty(0), model, states)
             charged += LOWEST - float(states[:, [eha.P1, eha.P2]].min())
-    truth = Trajectory(states, np.full(n, accumulator), np.ones(n))
-    return truth, measured(truth, case, prior, rng)
-
-
-def measured(truth: Trajectory, case: Case, prior: Assumed, rng: np.random.Generator) -> Array:
-    """The run as the case's sensors show it, (n, 9) as `EhaTracker.push` takes it."""
-    n, sizes = truth.states.shape[0], prior.sizes
-    x = truth.states
-    noise = rng.standard_normal((n, 6))
+    x, sizes, noise = states, prior.sizes, rng.standard_normal((n, 6))
     angle = x[:, eha.TH] + noise[:, 1] * sizes.angle
     block = np.full((n, layout.COLUMNS), np.nan)
     block[:, layout.TIME] = np.arange(n) * 1e-3
@@ -146,20 +150,8 @@ def measured(truth: Trajectory, case: Case, prior: Assumed, rng: np.random.Gener
         block[:, layout.ANGLE] = angle
         block[:, layout.PRESSURE_1] = (x[:, eha.P1] + noise[:, 2] * sizes.pressure) * 1e6
         block[:, layout.PRESSURE_2] = (x[:, eha.P2] + noise[:, 3] * sizes.pressure) * 1e6
-        block[:, layout.ACCUMULATOR] = truth.accumulator * 1e6
-    return block
-
-
-def _start(case: Case, prior: Assumed, rng: np.random.Generator) -> Array:
-    """Parameters at the start: the filter's first estimate and a draw of its spread."""
-    start = prior.start + prior.spread * rng.standard_normal(eha.STATES)
-    start[: eha.P2 + 1] = 0.0
-    there = _LOADS.get(case.load, ())
-    for i in _OF_LOAD:
-        start[i] = start[i] if i in there else 0.0
-    start[eha.THROT] = min(abs(start[eha.THROT]), MOST_THROTTLE)
-    start[eha.STIF] = abs(start[eha.STIF])
-    return start
+        block[:, layout.ACCUMULATOR] = accumulator * 1e6
+    return Trajectory(states, np.full(n, accumulator), np.ones(n)), block
 
 
 @njit(error_model="numpy")
@@ -203,14 +195,6 @@ def _force(position: Array, parameters: Array, model: eha.Parameters, errors: Ar
     sums = CubicSpline(np.arange(errors.size + 1), np.concatenate([[0.0], np.cumsum(errors)]))
     error = sums((np.arange(v.size) + 0.5) / FORCE_PERIOD, 1)
     return np.asarray(smooth + error + (model.moving_mass + p[:, eha.INERT]) * acceleration)
-
-
-def _low_side(charge: float, normals: Array) -> Array:
-    """Pressure of the chamber that is fed: as near to the charge as the filter thinks, and as slow."""
-    pull = 1.0 / LOW_SIDE_TIME
-    walk = np.concatenate([[LOW_SIDE * normals[0]], LOW_SIDE * np.sqrt(2.0 * pull) * normals[1:]])
-    away = lfilter([1.0], [1.0, pull - 1.0], walk)
-    return np.maximum(charge + gaussian_filter1d(away, LOW_SMOOTHING, mode="nearest"), LEAST_PRESSURE)
 
 
 @njit(error_model="numpy")
@@ -267,3 +251,84 @@ def _follow(
         else:
             x[eha.P1] += G[eha.P1, 2] * volumes[k, 0]
             x[eha.P2] += G[eha.P2, 3] * volumes[k, 1]
+
+
+@njit(error_model="numpy")
+def eha_bound(truth: Trajectory, q: eha.Parameters, prior: Assumed, minimum: bool, rows: Rows) -> Array:
+    """The posterior Cramér-Rao bound: how well any filter could know the states from one run's data.
+
+    The same noise and the same statement of the model as the estimators': flow noise large where a chamber is
+    fed, friction known by 20 ms mean force balances while the piston has slid one way for 80 ms, each with
+    the standard deviation ``Noise.force_mean``, and not by the single samples. Their further caution, such as
+    noise that grows with the load's unrest, is not in the bound.
+
+    `truth`: the run. `q`: parameter array. `prior`: initial spread and noise. `minimum`: of all pressures the
+    chambers' difference alone is measured. `rows`: (k,) ascending, where the bound is wanted.
+
+    Gives (k, STATES) variances, model units.
+
+    For ``x_k = f(x_{k-1}) + w``, ``z_k = h(x_k) + v`` with Gaussian noise the information matrix obeys
+    ``J_k = (Q + F J_{k-1}^-1 F')^-1 + H' R^-1 H`` with F and H taken at the true states (Tichavský, Muravchik
+    and Nehorai 1998, doi 10.1109/78.668800, eq. 21 by the matrix inversion lemma, which also holds where Q is
+    singular, as here). On a linear model it is the Kalman filter's covariance.
+    """
+    n, motion, states, sizes, wanted = eha.STATES, eha.P2 + 1, truth.states, prior.sizes, 0
+    out, P, diag = np.empty((rows.size, n)), np.diag(prior.spread**2), prior.walk**2 * 1e-3
+    F, G = np.empty((n, n)), np.empty((n, 4))
+    new, k_gain, scratch, noise = np.empty(n), np.empty(n), np.empty(n), np.empty(4)
+    moved, still = np.empty((MOVING, n)), np.zeros(n)
+    noise[0], noise[1] = sizes.force**2, sizes.acceleration**2
+    channels = 4
+    H, r = np.zeros((channels, n)), np.empty(channels)
+    H[0, eha.X] = H[1, eha.TH] = 1.0
+    r[0], r[1] = sizes.position**2, sizes.angle**2
+    if minimum:
+        H[2, eha.P1], H[2, eha.P2] = 1.0, -1.0
+        r[2], r[3] = sizes.difference**2, LOW_SIDE**2 * LOW_SIDE_TIME
+    else:
+        H[2, eha.P1] = H[3, eha.P2] = 1.0
+        r[2] = r[3] = sizes.pressure**2
+    force, sliding = np.zeros(n), 0
+    for k in range(states.shape[0]):
+        x = states[k]
+        if k > 0:
+            past = states[k - 1]
+            p_acc = truth.accumulator[k - 1]
+            eha.step(past, 1.0, truth.viscosity[k - 1], p_acc, x[eha.V], x[eha.W], q, new, F, G)
+            sd1, sd2 = chamber_noise(past[eha.P1], past[eha.P2], p_acc, not minimum, sizes)
+            noise[2], noise[3] = sd1 * sd1, sd2 * sd2
+            propagate(P, F, G, noise, still, moved)
+            for i in range(motion, n):
+                P[i, :] *= 1.0 - 1e-3 * prior.pull[i]
+                P[:, i] *= 1.0 - 1e-3 * prior.pull[i]
+            for i in range(n):
+                P[i, i] += diag[i]
+        if minimum:
+            low = 1.0 if x[eha.P1] <= x[eha.P2] else 0.0
+            H[3, eha.P1], H[3, eha.P2] = low, 1.0 - low
+        for c in range(channels):
+            scalar_update(P, H[c], r[c], k_gain, scratch)
+
+        # The mean force of a period, wherever the piston slid through all of it and had settled before.
+        v = x[eha.V]
+        if k > 0 and abs(v) >= q.sliding_velocity and v * states[k - 1, eha.V] > 0.0:
+            sliding += 1
+        else:
+            sliding = 0
+        place = k % FORCE_PERIOD
+        if place == 0:
+            force[:] = 0.0
+        force[eha.FRIC] += eha.friction_curve(v, q)[0] / FORCE_PERIOD
+        force[eha.VISC] += v / FORCE_PERIOD
+        force[eha.SKEW] += abs(v) / FORCE_PERIOD
+        force[eha.LOAD] = 1.0
+        force[eha.STIF] += x[eha.X] / FORCE_PERIOD
+        force[eha.THROT] += v * abs(v) / FORCE_PERIOD
+        if place == FORCE_PERIOD - 1 and sliding >= SETTLING:
+            force[eha.INERT] = (v - states[k - FORCE_PERIOD + 1, eha.V]) / FORCE_PERIOD * 1e3
+            scalar_update(P, force, sizes.force_mean**2, k_gain, scratch)
+        if wanted < rows.size and rows[wanted] == k:
+            for i in range(n):
+                out[wanted, i] = P[i, i]
+            wanted += 1
+    return out

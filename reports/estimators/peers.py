@@ -8,51 +8,51 @@ velocity equation and not from 20 ms force balances; nothing robust, no bounds o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from reports.estimators.model import LOW_SIDE, LOW_SIDE_TIME, Assumed, chamber_noise
-
-Array = NDArray[np.float64]
+from reports.estimators.cases import LOW_SIDE, LOW_SIDE_TIME, Array, Assumed, Rows, chamber_noise
 
 PEERS = ("filterpy EKF", "filterpy UKF")
 ALPHA, BETA, KAPPA = 0.1, 2.0, 3.0 - eha.STATES
 """Of the scaled sigma points (van der Merwe 2004): spread, Gaussian prior, and 3 - n."""
 
 
-@dataclass
 class _Model:
     """The model as filterpy takes it; `row` is the sample that a step starts from."""
 
-    q: eha.Parameters
-    prior: Assumed
-    block: Array
-    minimum: bool
-    row: int = 0
-
-    def __post_init__(self) -> None:
+    def __init__(self, q: eha.Parameters, prior: Assumed, block: Array, minimum: bool) -> None:
+        self.q, self.prior, self.minimum, self.row = q, prior, minimum, 0
         self.F, self.G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
-        self.z = _measurements(self.block, self.minimum, float(self.q.accumulator_pressure))
-        self.p_acc = self.block[:, layout.ACCUMULATOR] * 1e-6
-        self.known = not self.minimum
-        if self.minimum:
-            self.p_acc = np.full(self.block.shape[0], self.q.accumulator_pressure)
-        viscosity = self.block[:, layout.VISCOSITY]
-        self.viscosity = np.where(np.isnan(viscosity), 1.0, viscosity)
+        self.viscosity = np.nan_to_num(block[:, layout.VISCOSITY], nan=1.0)
+        position, sizes = block[:, layout.POSITION] * 1e3, prior.sizes
+        if minimum:
+            self.p_acc = np.full(block.shape[0], q.accumulator_pressure)
+            angle = np.cumsum(block[:, layout.SPEED]) * 1e-3
+            # The low side counts as measured at the accumulator's charge.
+            self.z = np.column_stack([position, angle, block[:, layout.DIFFERENCE] * 1e-6, self.p_acc])
+            last = sizes.difference, LOW_SIDE * np.sqrt(LOW_SIDE_TIME)
+        else:
+            self.p_acc = block[:, layout.ACCUMULATOR] * 1e-6
+            pressures = block[:, [layout.PRESSURE_1, layout.PRESSURE_2]] * 1e-6
+            self.z = np.column_stack([position, block[:, layout.ANGLE], pressures])
+            last = sizes.pressure, sizes.pressure
+        self.R = np.diag(np.array([sizes.position, sizes.angle, *last]) ** 2)
+        self.x = prior.start.copy()
+        self.x[[eha.X, eha.TH, eha.P1, eha.P2]] = self.z[0]
+        if minimum:
+            drop, low = self.z[0, 2:]
+            self.x[[eha.P1, eha.P2]] = low + max(drop, 0.0), low + max(-drop, 0.0)
 
     def step(self, x: Array, _dt: float = 1.0) -> Array:
-        new = np.empty(eha.STATES)
-        at = self.row
+        new, at = np.empty(eha.STATES), self.row
         eha.step(x, 1.0, self.viscosity[at], self.p_acc[at], np.nan, np.nan, self.q, new, self.F, self.G)
         return new
 
     def Q(self, x: Array) -> Array:
         sizes = self.prior.sizes
-        sd = chamber_noise(x[eha.P1], x[eha.P2], self.p_acc[self.row], self.known, sizes)
+        sd = chamber_noise(x[eha.P1], x[eha.P2], self.p_acc[self.row], not self.minimum, sizes)
         noise = np.array([sizes.force, sizes.acceleration, *sd]) ** 2
         return np.asarray((self.G * noise) @ self.G.T + np.diag(self.prior.walk**2 * 1e-3))
 
@@ -63,34 +63,17 @@ class _Model:
 
     def H(self, x: Array) -> Array:
         out = np.zeros((4, eha.STATES))
-        out[0, eha.X] = out[1, eha.TH] = 1.0
-        if not self.minimum:
-            out[2, eha.P1] = out[3, eha.P2] = 1.0
-        else:
-            out[2, eha.P1], out[2, eha.P2] = 1.0, -1.0
-            out[3, eha.P1 if x[eha.P1] <= x[eha.P2] else eha.P2] = 1.0
-        return out
-
-    @property
-    def R(self) -> Array:
-        sizes = self.prior.sizes
-        last = (sizes.difference, LOW_SIDE * np.sqrt(LOW_SIDE_TIME)) if self.minimum else (
-            sizes.pressure, sizes.pressure)  # fmt: skip
-        return np.diag(np.array([sizes.position, sizes.angle, *last]) ** 2)
-
-    def start(self) -> Array:
-        x = self.prior.start.copy()
-        first = self.z[0]
-        x[[eha.X, eha.TH]] = first[:2]
-        x[[eha.P1, eha.P2]] = first[2:]
+        out[0, eha.X] = out[1, eha.TH] = out[2, eha.P1] = 1.0
         if self.minimum:
-            x[eha.P1] = first[3] + max(first[2], 0.0)
-            x[eha.P2] = first[3] + max(-first[2], 0.0)
-        return x
+            out[2, eha.P2] = -1.0
+            out[3, eha.P1 if x[eha.P1] <= x[eha.P2] else eha.P2] = 1.0
+        else:
+            out[3, eha.P2] = 1.0
+        return out
 
 
 def run_peer(
-    name: str, q: eha.Parameters, prior: Assumed, block: Array, minimum: bool, rows: NDArray[np.int64]
+    name: str, q: eha.Parameters, prior: Assumed, block: Array, minimum: bool, rows: Rows
 ) -> tuple[Array, Array]:
     """Run one of `PEERS` over a block.
 
@@ -100,14 +83,13 @@ def run_peer(
     """
     from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-    model = _Model(q, prior, block, minimum)
-    extended = name == PEERS[0]
+    model, extended = _Model(q, prior, block, minimum), name == PEERS[0]
     if extended:
         peer = ExtendedKalmanFilter(eha.STATES, 4)
     else:
         points = MerweScaledSigmaPoints(eha.STATES, ALPHA, BETA, KAPPA)
         peer = UnscentedKalmanFilter(eha.STATES, 4, 1.0, model.h, model.step, points)
-    peer.x, peer.P, peer.R = model.start(), np.diag(prior.spread**2), model.R
+    peer.x, peer.P, peer.R = model.x, np.diag(prior.spread**2), model.R
 
     def predict() -> None:
         new, peer.Q = model.step(peer.x), model.Q(peer.x)
@@ -116,9 +98,8 @@ def run_peer(
             peer.predict_x = lambda u=0: setattr(peer, "x", new)
         peer.predict()
 
-    out = np.full((2, rows.size, eha.STATES), np.nan)
-    wanted = 0
-    for k in range(block.shape[0]):
+    found = np.full((2, rows.size, eha.STATES), np.nan)
+    for k in range(rows[-1] + 1):
         try:
             if k > 0:
                 model.row = k - 1
@@ -128,20 +109,5 @@ def run_peer(
             break
         if not np.isfinite(peer.x).all():
             break
-        if rows[wanted] == k:
-            out[0, wanted], out[1, wanted] = peer.x, np.diag(peer.P)
-            wanted += 1
-            if wanted == rows.size:
-                break
-    return out[0], out[1]
-
-
-def _measurements(block: Array, minimum: bool, charge: float) -> Array:
-    """(n, 4) what the peers measure, model units."""
-    position = block[:, layout.POSITION] * 1e3
-    if minimum:
-        angle = np.cumsum(block[:, layout.SPEED]) * 1e-3
-        low = np.full(position.size, charge)
-        return np.column_stack([position, angle, block[:, layout.DIFFERENCE] * 1e-6, low])
-    pressures = block[:, [layout.PRESSURE_1, layout.PRESSURE_2]] * 1e-6
-    return np.column_stack([position, block[:, layout.ANGLE], pressures])
+        found[:, rows == k] = np.stack([peer.x, np.diag(peer.P)])[:, None]
+    return found[0], found[1]

@@ -1,50 +1,34 @@
-"""``python -m reports estimators``: how well they do, beside the bound, least squares and filterpy."""
+"""``python -m reports estimators``: how well they do, beside the bound and filterpy."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
 import typer
 
+from estimators.consistency import nees_band
 from fdd.cli.console import progress
 from fdd.errors import InputError
-from fdd.markdown import table
 from fdd.residuals.tracking import METHODS
-from reports.estimators.cases import QUANTITIES
-from reports.estimators.measure import Measured, Plan, measure, measure_speed
+from reports.estimators.cases import QUANTITIES, TRACKED
 from reports.estimators.peers import PEERS
-from reports.estimators.runs import GRID, WORLDS
-from reports.estimators.summary import (
-    COVERED,
-    accuracy,
-    coverage,
-    goals,
-    grouped,
-    late_half,
-    relative,
-    rms,
-    rows_of,
-    within,
-    words,
-)
-from reports.writing import (
-    FOLDER,
-    OutOption,
-    Panel,
-    draw,
-    made_by,
-    require_folder,
-    template,
-    write_report,
-)
+from reports.estimators.runs import GRID, WORLDS, Measured, Plan, measure, measure_speed
+from reports.writing import FOLDER, OutOption, Panel, draw, made_by, render, require_folder, write_report
 
+WITHIN_BOUND, COVERED, HALF_WITHIN = 1.5, 0.9, 2.0
+"""Goals: RMSE over the bound; share of runs inside the 95 % bands; s until half of a change is followed."""
 MOST_MICROSECONDS, LEAST_PEER = 2.0, 25.0
 """Goals: µs of a sample for EKF and SVSF; times slower that filterpy is."""
+LEAST_FLAGGED = 0.05
+"""Share of flagged estimates below which a quantity counts as not observable in a case."""
+ABSOLUTE = "viscous_friction"
+"""Its errors are given as they are and not in percent of the truth: healthy values may be nought."""
 
 
 def estimators(
@@ -69,112 +53,170 @@ def estimators(
     for world in WORLDS:
         for goal in goals(found, world):
             print(f"{world}: {goal.name}: {goal.met} of {goal.total}")
-    write_report(out / "estimators.md", report_lines(plan, found))
+    write_report(out / "estimators.md", report_text(plan, found))
 
 
-def _maybe(value: float, form: str) -> str:
-    return format(value, form) if np.isfinite(value) else ""
-
-
-def report_lines(plan: Plan, found: Measured) -> list[str]:
+def report_text(plan: Plan, found: Measured) -> str:
     """The whole report."""
-    page = template(Path(__file__).with_name("estimators.md.j2"))
-    text = page.render(
-        made_by=made_by("estimators"), plan=plan, worlds=WORLDS if "errors" in found else (), found=found,
-        goals={world: goals(found, world) for world in WORLDS if "errors" in found},
-        error_table=partial(_error_table, found), coverage_table=partial(_coverage_table, found),
-        step_table=partial(_step_table, found), peer_table=partial(_peer_table, found),
+    return render(
+        Path(__file__).with_name("estimators.md.j2"), made_by=made_by("estimators"), plan=plan, worlds=WORLDS,
+        found=found, goals={world: goals(found, world) for world in WORLDS},
+        errors=partial(_errors, found), halves=partial(_halves, found), words=_words, peers=PEERS,
+        coverage=lambda world: _grouped(_within(coverage(found["consistency"]), world), "case", "method"),
+        beside_peers=partial(_beside_peers, found), methods=METHODS, quantities=QUANTITIES,
         speed=_speed(found["speed"]) if "speed" in found else None,
     )  # fmt: skip
-    return text.splitlines()
 
 
-def _error_table(found: Measured, world: str) -> str:
-    rows, before = [], ""
-    each = within(accuracy(found["errors"]), world)
-    for (case, quantity), pair in grouped(each, "case", "quantity"):
-        a, b = (pair.xs(method, level="method").iloc[0] for method in METHODS)
-
-        def shown(value: float, of: pd.Series = a) -> str:
-            text = f"{value:.3g}" if of["counted"] else f"({value:.3g})"
-            return text if np.isfinite(value) else "lost"
-
-        rows.append([
-            case if case != before else "", words(quantity), f"{a['flagged']:.0%} / {b['flagged']:.0%}",
-            shown(a["rmse"]), shown(b["rmse"], b), shown(a["bound"]),
-            *(f"{x['rmse'] / x['bound']:.2f}" if x["counted"] else "" for x in (a, b)),
-            shown(a["fitted"]) if np.isfinite(a["fitted"]) else "",
-            *(shown(a[which]) for which in ("claimed", "bias", "spread")),
-        ])  # fmt: skip
-        before = case
-    head = ["case", "quantity", "flagged EKF / SVSF", "EKF", "SVSF", "bound", "EKF/bound", "SVSF/bound",
-            "least squares", "claimed", "bias", "spread"]  # fmt: skip
-    return "\n".join(table(head, rows, "llr"))
+def _grouped(frame: pd.DataFrame, *by: str) -> Iterator[tuple[tuple[str, ...], pd.DataFrame]]:
+    """Groups by columns or levels, in the order in which they come."""
+    for key, rows in frame.groupby(list(by), sort=False):
+        yield cast(tuple[str, ...], key), rows
 
 
-def _coverage_table(found: Measured, world: str) -> str:
-    rows = [
-        [case if method == METHODS[0] else "", method.upper(),
-         *(f"{c[which]:.0%}" for which in ("nees", "too_sure", *QUANTITIES)),
-         _maybe(c["nis"], ".0%"), _maybe(c["mean_nis"], ".2f"), f"{c['lost']:.0%}"]
-        for (case, method), c in rows_of(within(coverage(found["consistency"]), world))
+def _within(frame: pd.DataFrame, world: str) -> pd.DataFrame:
+    return cast(pd.DataFrame, frame.loc[world])
+
+
+def _percent(errors: pd.DataFrame, columns: list[str]) -> pd.DataFrame:
+    """Those columns in percent of the truth, `ABSOLUTE`'s as they are."""
+    scale = np.where(errors["quantity"] == ABSOLUTE, 1.0, 0.01 * errors["truth"].abs())
+    return errors.assign(**errors[columns].div(scale, axis=0))
+
+
+def _rms(values: pd.Series) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _words(name: str) -> str:
+    return name.upper() if name in METHODS else name.replace("_", " ")
+
+
+def accuracy(errors: pd.DataFrame) -> pd.DataFrame:
+    """Of each world, case, quantity and method, in percent of the truth, viscous friction in N·s/m.
+
+    Columns: flagged (share of the checks at which the filter calls it observable), counted (1 where that is
+    often enough: the rest is over those checks, else over all), rmse, bias and spread of the errors, claimed
+    and bound (rms of the standard deviations).
+    """
+
+    def figures(rows: pd.DataFrame) -> pd.Series:
+        flagged = rows["flag"].mean()
+        counted = flagged >= LEAST_FLAGGED
+        used = rows[(rows["flag"] | (not counted)) & np.isfinite(rows["error"]) & np.isfinite(rows["std"])]
+        error = used["error"]
+        return pd.Series({
+            "flagged": flagged, "counted": float(counted and len(used) > 0), "rmse": _rms(error),
+            "bias": error.mean(), "spread": error.std(ddof=0), "claimed": _rms(used["std"]),
+            "bound": _rms(used["bound"]),
+        })  # fmt: skip
+
+    shares = _percent(errors, ["error", "std", "bound"])
+    groups = shares.groupby(["world", "case", "quantity", "method"], sort=False)
+    return cast(pd.DataFrame, groups[["flag", "error", "std", "bound"]].apply(figures))
+
+
+def coverage(consistency: pd.DataFrame) -> pd.DataFrame:
+    """Of each world, case and method, shares of runs inside the 95 % bands.
+
+    Columns: nees, too_sure (share above its band), each quantity's error within 1.96 standard deviations,
+    lost (ended without a covariance).
+    """
+    (low, high), nees = nees_band(len(TRACKED)), consistency["nees"]
+    inside = consistency[["world", "case", "method"]].assign(
+        nees=nees.between(low, high), too_sure=~(nees <= high),
+        **{q: consistency[q].abs() <= 1.96 for q in QUANTITIES}, lost=~np.isfinite(nees),
+    )  # fmt: skip
+    return inside.groupby(["world", "case", "method"], sort=False).mean()
+
+
+def late_half(half: pd.Series) -> float:
+    """s within which half of a change is followed in 90 % of the runs."""
+    return float(np.quantile(half, 0.9, method="higher"))
+
+
+class Goal(NamedTuple):
+    """One goal over many cases: how many meet it, and those that do not, with their figure."""
+
+    name: str
+    met: int
+    total: int
+    short: tuple[str, ...]
+
+
+def goals(found: Measured, world: str) -> list[Goal]:
+    """The goals of the benchmark in one world, judged by both methods' figures; none where it was not run."""
+    if "errors" not in found or world not in set(found["errors"]["world"]):
+        return []
+    errors = _within(accuracy(found["errors"]), world)
+    errors = errors[errors["counted"] > 0.0].swaplevel("quantity", "method")
+    nees = _within(coverage(found["consistency"]), world)["nees"]
+    ratio = errors["rmse"] / errors["bound"]
+    judged = [
+        (f"RMSE within {WITHIN_BOUND:g} times the bound where observable",
+         ratio, ratio <= WITHIN_BOUND, "{:.2f} times"),
+        (f"NEES inside its 95 % band in {COVERED:.0%} of runs", nees, nees >= COVERED, "{:.0%}"),
     ]  # fmt: skip
-    head = ["case", "method", "NEES", "above", *map(words, QUANTITIES), "NIS", "mean NIS", "lost"]
-    return "\n".join(table(head, rows, "llr"))
+    if "steps" in found:
+        steps = found["steps"][found["steps"]["world"] == world]
+        half = steps.groupby(["case", "method"], sort=False)["half"].apply(late_half)
+        name = f"half of a change followed within {HALF_WITHIN:g} s in 90 % of runs"
+        judged.append((name, half, half <= HALF_WITHIN, "{:.2f} s"))
+    out = []
+    for name, figures, met, form in judged:
+        told = figures.notna()
+        short = figures[told & ~met].sort_values(ascending=False, kind="stable")
+        labels = [", ".join(map(_words, cast(tuple[str, ...], key))) for key in short.index]
+        each = (f"{label}: {form.format(value)}" for label, value in zip(labels, short, strict=True))
+        out.append(Goal(name, int((told & met).sum()), int(told.sum()), tuple(each)))
+    return out
 
 
-def _step_table(found: Measured) -> str:
-    rows = []
-    for (world, quantity), runs in grouped(found["steps"], "world", "case"):
+def _errors(found: Measured, world: str) -> Iterator[tuple[str, str, pd.Series, pd.Series]]:
+    """Case, quantity and both methods' figures."""
+    for (case, quantity), pair in _grouped(_within(accuracy(found["errors"]), world), "case", "quantity"):
+        a, b = (pair.xs(method, level="method").iloc[0] for method in METHODS)
+        yield case, quantity, a, b
+
+
+def _halves(found: Measured) -> Iterator[tuple[str, str, list[float]]]:
+    """World, quantity, and each method's median and late seconds until half of a change is followed."""
+    for (world, quantity), runs in _grouped(found["steps"], "world", "case"):
         halves = [runs.loc[runs["method"] == method, "half"] for method in METHODS]
-        times = [t for half in halves for t in (float(np.median(half)), late_half(half))]
-        rows.append([world, words(quantity), *(_maybe(t, ".2f") or "never" for t in times)])
-    head = ["world", "quantity", *(f"{m.upper()}, {share}" for m in METHODS for share in ("median", "90 %"))]
-    return "\n".join(table(head, rows, "llr"))
+        yield world, quantity, [t for half in halves for t in (float(np.median(half)), late_half(half))]
 
 
-def _peer_table(found: Measured) -> str:
-    rows, before = [], ("", "")
-    shares = relative(found["peers"], ["error", "bound"])
-    for (world, case, quantity), runs in grouped(shares, "world", "case", "quantity"):
-        cells = []
-        for name in (*PEERS, *METHODS):
-            mine = runs[runs["method"] == name]
-            lost = int(mine["error"].isna().groupby(mine["run"]).any().sum())
-            cells.append(_maybe(rms(mine["error"].dropna()), ".3g") + (f" ({lost} lost)" if lost else ""))
-        first = ["", ""] if (world, case) == before else [world, case]
-        rows.append([*first, words(quantity), *cells, f"{rms(runs['bound']):.3g}"])
-        before = world, case
-    head = ["world", "case", "quantity", *PEERS, *(f"our {m.upper()}" for m in METHODS), "bound"]
-    return "\n".join(table(head, rows, "lllr"))
+def _beside_peers(found: Measured) -> Iterator[tuple[str, str, str, list[tuple[float, int]], float]]:
+    """World, case, quantity, each filter's RMSE and runs that it lost, and the bound."""
+    shares = _percent(found["peers"], ["error", "bound"])
+    for (world, case, quantity), runs in _grouped(shares, "world", "case", "quantity"):
+        errors = [runs[runs["method"] == name].set_index("run")["error"] for name in (*PEERS, *METHODS)]
+        lost = [int(each.isna().groupby(level="run").any().sum()) for each in errors]
+        figures = [(_rms(each.dropna()), n) for each, n in zip(errors, lost, strict=True)]
+        yield world, case, quantity, figures, _rms(runs["bound"])
 
 
 def _speed(timed: pd.DataFrame) -> dict[str, object]:
-    """Verdicts on speed, the table, and on what it was measured."""
+    """Verdicts on speed, the figures, and on what they were measured."""
     took = timed["median"]
     verdicts = [(f"{m} within {MOST_MICROSECONDS:g} µs a sample", took[m], "µs", took[m] <= MOST_MICROSECONDS)
                 for m in ("EKF", "SVSF")]  # fmt: skip
     if PEERS[0] in took:
         ratio = took[PEERS[0]] / took["EKF"]
         verdicts.append((f"{LEAST_PEER:g} times filterpy's speed", ratio, "times", ratio >= LEAST_PEER))
-    rows = [[str(n), f"{r['median']:.2f}", f"{r['best']:.2f}", f"{r['median'] / took['EKF']:.2f}"]
-            for n, r in timed.iterrows()]  # fmt: skip
-    shown = table(["filter", "µs per sample, median", "best", "over our EKF"], rows, "lr")
-    return {"verdicts": verdicts, "table": "\n".join(shown), "samples": int(timed["samples"].iloc[0]),
-            "hour": 3.6 * took}  # fmt: skip
+    return {"verdicts": verdicts, "took": timed, "samples": int(timed["samples"].iloc[0]), "hour": 3.6 * took}
 
 
 def draw_pictures(found: Measured, folder: Path) -> None:
     """Draw runs inside the bands, and responses to a change (median, 80 % of runs)."""
-    covered, markers = coverage(found["consistency"]), dict(zip(METHODS, "ox", strict=True))
-    names = list(found["consistency"]["case"].unique())
-    panels, rows = [], np.arange(float(len(names)))
+    covered, names = coverage(found["consistency"]), list(found["consistency"]["case"].unique())
+    panels = []
     for world in WORLDS:
-        curves = []
-        for method, marker in markers.items():
-            c = within(covered, world).xs(method, level="method").loc[names]
-            curves.append((c["nees"], rows, f"C0{marker}", f"NEES, {method.upper()}"))
-            curves.append((c["nis"], rows + 0.15, f"C3{marker}", f"NIS, {method.upper()}"))
+        shares = _within(covered, world)["nees"].unstack("method").loc[names]
+        curves = [
+            (shares[method], np.arange(float(len(names))), style, f"NEES, {_words(method)}")
+            for method, style in zip(METHODS, ("C0o", "C3x"), strict=True)
+        ]
         settings = {"title": f"{world} world", "yticks": range(len(names)), "ylim": (len(names) - 0.5, -0.5),
                     "yticklabels": names if world == WORLDS[0] else [],
                     "xlabel": "runs inside the 95 % band", "xlim": (-0.03, 1.03)}  # fmt: skip
@@ -183,7 +225,7 @@ def draw_pictures(found: Measured, folder: Path) -> None:
     if "steps" not in found:
         return
     panels = []
-    for (world, quantity), runs in grouped(found["steps"], "world", "case"):
+    for (world, quantity), runs in _grouped(found["steps"], "world", "case"):
         responses = []
         for m, method in enumerate(METHODS):
             each = np.stack(list(runs.loc[runs["method"] == method, "response"]))
@@ -191,7 +233,7 @@ def draw_pictures(found: Measured, folder: Path) -> None:
                 (GRID, np.nanquantile(each, share, axis=0), f"C{m}{style}", label)
                 for share, style, label in ((0.1, ":", None), (0.5, "-", method.upper()), (0.9, ":", None))
             ]
-        settings = {"title": f"{words(quantity)}, {world}", "xlabel": "s after the change",
+        settings = {"title": f"{_words(quantity)}, {world}", "xlabel": "s after the change",
                     "ylabel": "share of the change", "ylim": (-0.5, 1.7)}  # fmt: skip
         panels.append(Panel(responses, settings, at_y={0.5: "half"}))
     draw(folder / "steps.png", panels, columns=len(panels) // len(WORLDS), height=5.0)

@@ -8,16 +8,24 @@ line losses, …) is drawn from its usual range. Geometry and sensors are as the
 
 from __future__ import annotations
 
+import time
+import warnings
+import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
-from estimators.consistency import nis_band, squared_distance
+from estimators.consistency import squared_distance
 from estimators.eha import layout
 from estimators.eha import model as eha
+from fdd.campaign.units import for_each_unit
 from fdd.plant.details import Details
 from fdd.plant.oil import air_compliance, viscosity_ratio
 from fdd.plant.scenario import Scenario
@@ -27,32 +35,27 @@ from fdd.plant.truth import Truth
 from fdd.residuals.tracking import Channels, Tracking, estimates, observability
 from fdd.unit import Unit
 from reports.estimators import matched
-from reports.estimators.bound import eha_bound
 from reports.estimators.cases import (
+    CASES,
     DURATION,
     LOADS,
     MOTIONS,
     QUANTITIES,
     TRACKED,
     WINDOW,
+    Array,
+    Assumed,
     Case,
+    Rows,
     Trajectory,
+    assumed,
     quantities,
 )
-from reports.estimators.least_squares import Window, fit_balance
-from reports.estimators.model import Assumed, assumed, encoders_share, tested_channels
 from reports.estimators.peers import PEERS, run_peer
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 WORLDS = ("matched", "plant")
 CHECKS = 5
 """Times over the last window at which errors are counted."""
-NIS_FROM = 1.0 / 3.0
-"""Share of the run after which the NIS is counted."""
-LEAST_TESTED, LONGEST_LAG = 0.05, 200
-"""Channels, mean over a run, below which its NIS says nothing; records up to which it is correlated."""
 
 CHANGE = {"leakage": 1.5, "bulk_modulus": 0.7, "coulomb_friction": 1.5}
 """Factor of each sudden change."""
@@ -62,8 +65,10 @@ ONSET, AFTER, BEFORE = 10.0, 6.0, 0.5
 GRID = np.arange(0.0, AFTER, 0.05)
 """s after the change at which the response is kept."""
 
+PEER_CASES = ("steps, constant, all", "sines, spring, all", "sines, spring, minimum")
 PEER_DURATION = 8.0
 """s; filterpy is slow."""
+BY_NAME = {case.name: case for case in CASES}
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,7 @@ class Data:
     `block`: (n, 9) their input. `truth`: what really was.
     """
 
+    case: Case
     unit: Unit
     tracking: Tracking
     prior: Assumed
@@ -94,7 +100,7 @@ def prepare(
     if world == "matched":
         jump = _jump(change, unit, tracking.model) if change else None
         truth, block = matched.draw(case, duration, tracking.model, prior, rng, jump)
-        return Data(unit, tracking, prior, block, truth)
+        return Data(case, unit, tracking, prior, block, truth)
     rig, details, gain = draw_rig(unit, prior, rng)
     scenario = Scenario(
         unit=rig.name, duration=duration, duty=MOTIONS[case.duty], load=LOADS[case.load], details=details,
@@ -103,7 +109,7 @@ def prepare(
     )  # fmt: skip
     out = simulate(rig, scenario)
     truth = plant_states(out.truth, unit, tracking.model, gain)
-    return Data(unit, tracking, prior, tracking.block(out.samples), truth)
+    return Data(case, unit, tracking, prior, tracking.block(out.samples), truth)
 
 
 def draw_rig(profile: Unit, prior: Assumed, rng: np.random.Generator) -> tuple[Unit, Details, float]:
@@ -146,20 +152,18 @@ def _jump(quantity: str, unit: Unit, model: eha.Parameters) -> matched.Jump:
 
 
 def _fault(quantity: str, rig: Unit) -> dict[str, Any]:
-    """The change in the plant, as faults of a scenario with their scales."""
-    fault: dict[str, Any] = {"severity": 1.0, "onset": ONSET}
+    """The change in the plant, as a fault of a scenario with its scales."""
+    fault, factor = {"severity": 1.0, "onset": ONSET}, CHANGE[quantity]
     if quantity == "leakage":
-        more = rig.pump.total_leakage * (CHANGE[quantity] - 1.0)
-        fault["fault"] = "internal_leakage"
+        more = rig.pump.total_leakage * (factor - 1.0)
         scales = {"internal_leakage": more, "internal_leakage_orifice_share": 0.0}
-    elif quantity == "bulk_modulus":
+        return {"faults": [{"fault": "internal_leakage", **fault}], "fault_scales": scales}
+    if quantity == "bulk_modulus":
         per_air = float(air_compliance(rig.oil.reference_pressure, rig.oil.polytropic_index))
-        fault["fault"] = "aeration"
-        scales = {"free_air": (1.0 / CHANGE[quantity] - 1.0) / rig.oil.bulk_modulus / per_air}
-    else:
-        fault |= {"fault": "seal_wear", "variant": "tight"}
-        scales = {"tight_friction": CHANGE[quantity]}
-    return {"faults": [fault], "fault_scales": scales}
+        scales = {"free_air": (1.0 / factor - 1.0) / rig.oil.bulk_modulus / per_air}
+        return {"faults": [{"fault": "aeration", **fault}], "fault_scales": scales}
+    worn = {"fault": "seal_wear", "variant": "tight", **fault}
+    return {"faults": [worn], "fault_scales": {"tight_friction": factor}}
 
 
 def plant_states(truth: Truth, profile: Unit, model: eha.Parameters, gain: float) -> Trajectory:
@@ -180,127 +184,68 @@ def plant_states(truth: Truth, profile: Unit, model: eha.Parameters, gain: float
     return Trajectory(x, truth["pressure_accumulator"] * 1e-6, viscosity)
 
 
-def rows_of(method: str, **each: Array) -> pd.DataFrame:
+def _estimates(data: Data, records: layout.Records) -> tuple[dict[str, Array], dict[str, Array]]:
+    with np.errstate(invalid="ignore"):  # a filter that lost its covariance counts as not observable
+        return estimates(records, data.unit, data.tracking.model)
+
+
+def _quantities(data: Data, rows: Rows, states: Array, variances: Array | None = None) -> tuple[Array, Array]:
+    """Quantities and deviations, (4, k) each, SI, of states (k, STATES) at the run's `rows`."""
+    seen = np.ones(rows.size) if data.case.minimum else data.truth.viscosity[rows]
+    spread = np.zeros_like(states) if variances is None else variances
+    return quantities(states, spread, seen, data.unit, data.tracking.model)
+
+
+def _true_and_bound(data: Data, rows: Rows) -> tuple[Array, Array]:
+    """The true quantities at some rows and the bound of their standard deviations, (4, k) each, SI."""
+    truth, model = data.truth, data.tracking.model
+    variances = matched.eha_bound(truth, model, data.prior, data.case.minimum, rows)
+    return quantities(truth.states[rows], variances, truth.viscosity[rows], data.unit, model)
+
+
+def _rows_of(method: str, **each: Array) -> pd.DataFrame:
     """A row for each quantity and check; arrays (quantities, checks), SI."""
     frame = pd.DataFrame({name: np.ravel(values) for name, values in each.items()})
     checks = len(frame) // len(QUANTITIES)
     return frame.assign(method=method, quantity=np.repeat(QUANTITIES, checks))
 
 
-def evaluate(case: Case, data: Data) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Run both filters, the bound and least squares over one run's data.
+def evaluate(data: Data) -> dict[str, pd.DataFrame]:
+    """Run both filters and the bound over one run's data.
 
     Gives `errors`: a row for each method, quantity and check: truth, bound (standard deviation), error
-    (estimate less truth), std (claimed), flag (whether the filter calls it observable), fitted (error of
-    least squares, NaN for friction); SI. `consistency`: a row for each method: nees of the four parameters at
-    the end, their errors in sigmas, nis (mean over its expectation) and its band; NaN where no channel can be
-    tested.
+    (estimate less truth), std (claimed), flag (whether the filter calls it observable); SI. `consistency`: a
+    row for each method: nees of the four parameters at the end, and their errors in sigmas.
     """
-    truth, model, decimation = data.truth, data.tracking.model, data.tracking.trackers["ekf"].decimation
+    truth, decimation, tracked = data.truth, data.tracking.trackers["ekf"].decimation, list(TRACKED)
     n = truth.states.shape[0]
     window = min(round(WINDOW * 1e3), n // 2)
     ends = np.linspace(n - window, n, CHECKS).round().astype(np.int64) // decimation * decimation
-    true, bound = true_and_bound(case, data, ends - 1)
-    fitted = np.vstack([_fitted(case, data, ends, true), np.full((2, CHECKS), np.nan)])
-    late = slice(int(NIS_FROM * n), None)
-    driven = encoders_share(truth.states[late], data.prior.sizes)
-    channels = tested_channels(
-        truth.states[late], truth.accumulator[late], model, data.prior.sizes, minimum=case.minimum
-    )
+    true, bound = _true_and_bound(data, ends - 1)
     errors, consistency = [], []
     for method, records in data.tracking.push(data.block).items():
-        with np.errstate(invalid="ignore"):  # a filter that lost its covariance counts as not observable
-            values, sigmas = estimates(records, data.unit, model)
-        shown = observability(values, sigmas)
-        at = ends // decimation - 1
+        values, sigmas = _estimates(data, records)
+        at, shown = ends // decimation - 1, observability(values, sigmas)
         found, std, flag = (np.array([x[q][at] for q in QUANTITIES]) for x in (values, sigmas, shown))
-        errors.append(
-            rows_of(method, truth=true, bound=bound, error=found - true, std=std, flag=flag, fitted=fitted)
-        )
+        errors.append(_rows_of(method, truth=true, bound=bound, error=found - true, std=std, flag=flag))
         tracker = data.tracking.trackers[method]
-        error = tracker.x[list(TRACKED)] - truth.states[-1, list(TRACKED)]
-        if case.minimum:  # without the oil's temperature leakage is that of the oil as it is
+        error = tracker.x[tracked] - truth.states[-1, tracked]
+        if data.case.minimum:  # without the oil's temperature leakage is that of the oil as it is
             error[0] = tracker.x[eha.LEAK] - truth.states[-1, eha.LEAK] / truth.viscosity[-1]
         # The tracker's covariance, widened as its records are.
-        covariance = tracker.P[np.ix_(TRACKED, TRACKED)]
-        wider = np.sqrt(records[-1]["variance"][list(TRACKED)] / np.diag(covariance))
+        covariance = tracker.P[np.ix_(tracked, tracked)]
+        wider = np.sqrt(records[-1]["variance"][tracked] / np.diag(covariance))
         covariance = covariance * np.outer(wider, wider)
-        nis = nis_of_run(records["nis"][int(NIS_FROM * records.size) :], decimation, channels, driven)
-        scores = error / np.sqrt(np.diag(covariance))
-        consistency.append({
-            "method": method, "nees": _nees(error, covariance), **dict(zip(QUANTITIES, scores, strict=True)),
-            **dict(zip(("nis", "nis_low", "nis_high"), nis, strict=True)),
-        })  # fmt: skip
-    return pd.concat(errors), pd.DataFrame(consistency)
+        try:
+            nees = float(squared_distance(error, covariance))
+        except ValueError:
+            nees = float("nan")
+        scores = dict(zip(QUANTITIES, error / np.sqrt(np.diag(covariance)), strict=True))
+        consistency.append({"method": method, "nees": nees, **scores})
+    return {"errors": pd.concat(errors), "consistency": pd.DataFrame(consistency)}
 
 
-def _nees(error: Array, covariance: Array) -> float:
-    try:
-        return float(squared_distance(error, covariance))
-    except ValueError:
-        return float("nan")
-
-
-def true_and_bound(case: Case, data: Data, rows: Rows) -> tuple[Array, Array]:
-    """The true quantities at some rows and the bound of their standard deviations, (4, k) each, SI."""
-    truth, model = data.truth, data.tracking.model
-    variances = eha_bound(truth, model, data.prior, minimum=case.minimum, rows=rows)
-    return quantities(truth.states[rows], variances, truth.viscosity[rows], data.unit, model)
-
-
-def _fitted(case: Case, data: Data, ends: Rows, true: Array) -> Array:
-    """Errors of the volume balance fitted over the window before each check, (2, checks)."""
-    window = min(round(WINDOW * 1e3), int(ends[0]))
-    model, out = data.tracking.model, np.full((2, ends.size), np.nan)
-    relief, sealed = float(data.prior.sizes.relief), bool(model.case_leakage == 0.0) and not case.minimum
-    for i, end in enumerate(ends):
-        part = data.block[end - window : end]
-        position = part[:, layout.POSITION] * 1e3
-        if case.minimum:
-            angle, difference = np.cumsum(part[:, layout.SPEED]) * 1e-3, part[:, layout.DIFFERENCE] * 1e-6
-            signals = Window.of_difference(position, angle, difference, float(model.accumulator_pressure))
-        else:
-            p1, p2, p_acc = 1e-6 * part[:, [layout.PRESSURE_1, layout.PRESSURE_2, layout.ACCUMULATOR]].T
-            signals = Window(position, part[:, layout.ANGLE], p1, p2, p_acc)
-        states = np.full((1, eha.STATES), np.nan)
-        states[0, [eha.LEAK, eha.AIR]] = fit_balance(signals, model, relief=relief, sealed=sealed)
-        viscosity = data.truth.viscosity[end - 1 : end] if not case.minimum else np.ones(1)
-        values, _ = quantities(states, np.zeros_like(states), viscosity, data.unit, model)
-        out[:, i] = values[:2, 0] - true[:2, i]
-    return out
-
-
-def correlation_time(series: Array) -> float:
-    """Integrated autocorrelation time of a series in samples: ``1 + 2 Σ ρ_k``, at least 1.
-
-    A mean over n samples is worth n over this many independent ones. The sum ends where the lag is five times
-    what it has come to (Sokal 1997, doi 10.1007/978-1-4899-0319-8_6), since beyond it only noise is added.
-    """
-    if not np.isfinite(series).all():
-        return 1.0
-    y = series - series.mean()
-    power, time = float(y @ y), 1.0
-    for lag in range(1, min(LONGEST_LAG, y.size - 1)):
-        if not power > 0.0 or lag > 5.0 * time:
-            break
-        time += 2.0 * float(y[:-lag] @ y[lag:]) / power
-    return max(1.0, time)
-
-
-def nis_of_run(series: Array, decimation: int, channels: float, driven: float = 0.0) -> tuple[float, ...]:
-    """Mean NIS of a run over its expectation, with the band that 95 % of consistent runs fall in.
-
-    `series`: (n,) of the records, each a mean over `decimation` samples. `channels`: degrees of freedom of a
-    sample, `tested_channels`; driven : what the others add.
-    """
-    if channels < LEAST_TESTED:
-        return float("nan"), float("nan"), float("nan")
-    effective = series.size * decimation / correlation_time(series)
-    low, high = nis_band(1, max(int(effective * channels), 1))
-    return (float(series.mean()) - driven) / channels, low, high
-
-
-def step_run(world: str, quantity: str, seed: tuple[int, ...]) -> pd.DataFrame:
+def step_run(data: Data, quantity: str) -> pd.DataFrame:
     """One run with a change of `quantity` by `CHANGE` at `ONSET`, all sensors, in motion.
 
     The change is that of the truth. Before it counts what the filter estimates there, right or wrong.
@@ -308,38 +253,111 @@ def step_run(world: str, quantity: str, seed: tuple[int, ...]) -> pd.DataFrame:
     Gives a row for each method: half (s until half of the change is followed, infinite where it never was)
     and response, (len(GRID),) share of the change that is followed.
     """
-    data = prepare(world, STEP_CASE, seed, ONSET + AFTER, quantity)
-    model, row = data.tracking.model, round(ONSET * 1e3)
-    states, viscosity = (x[[row - 1, row + 2]] for x in (data.truth.states, data.truth.viscosity))
-    values, _ = quantities(states, np.zeros_like(states), viscosity, data.unit, model)
-    before, after = values[QUANTITIES.index(quantity)]
+    at = round(ONSET * 1e3) + np.array([-1, 2])
+    before, after = _quantities(data, at, data.truth.states[at])[0][QUANTITIES.index(quantity)]
     rows = []
     for method, records in data.tracking.push(data.block).items():
-        with np.errstate(invalid="ignore"):
-            value = estimates(records, data.unit, model)[0][quantity]
-        time = records["time"] - ONSET
-        share = (value - value[(time >= -BEFORE) & (time < 0.0)].mean()) / (after - before)
-        since = time >= 0.0
-        reached = time[since][share[since] >= 0.5]
+        value, time_s = _estimates(data, records)[0][quantity], records["time"] - ONSET
+        share = (value - value[(time_s >= -BEFORE) & (time_s < 0.0)].mean()) / (after - before)
+        since = time_s >= 0.0
+        reached = time_s[since][share[since] >= 0.5]
+        response = np.interp(GRID, time_s[since], share[since])
         half = reached[0] if reached.size else np.inf
-        response = np.interp(GRID, time[since], share[since])
         rows.append({"method": method, "half": half, "response": response})
     return pd.DataFrame(rows)
 
 
-def peer_run(world: str, case: Case, seed: tuple[int, ...], duration: float = PEER_DURATION) -> pd.DataFrame:
+def peer_run(data: Data) -> pd.DataFrame:
     """Errors of filterpy's filters and of the estimators on one short run, NaN where one was lost."""
-    data = prepare(world, case, seed, duration)
-    decimation, n = data.tracking.trackers["ekf"].decimation, round(duration * 1e3)
+    decimation, n = data.tracking.trackers["ekf"].decimation, len(data.block)
     ends = np.linspace(n // 2, n, CHECKS).round().astype(np.int64) // decimation * decimation
-    model, viscosity = data.tracking.model, data.truth.viscosity[ends - 1]
-    truth, bound = true_and_bound(case, data, ends - 1)
+    truth, bound = _true_and_bound(data, ends - 1)
     found = {}
     for name in PEERS:
-        states, variances = run_peer(name, model, data.prior, data.block, case.minimum, ends - 1)
-        seen = np.ones(ends.size) if case.minimum else viscosity
-        found[name] = quantities(states, variances, seen, data.unit, model)[0]
+        peer = run_peer(name, data.tracking.model, data.prior, data.block, data.case.minimum, ends - 1)
+        found[name] = _quantities(data, ends - 1, *peer)[0]
     for method, records in data.tracking.push(data.block).items():
-        values, _ = estimates(records, data.unit, model)
+        values, _ = _estimates(data, records)
         found[method] = np.array([values[q][ends // decimation - 1] for q in QUANTITIES])
-    return pd.concat(rows_of(name, truth=truth, bound=bound, error=x - truth) for name, x in found.items())
+    return pd.concat(_rows_of(name, truth=truth, bound=bound, error=x - truth) for name, x in found.items())
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is measured: runs of each case and change, runs of each case beside filterpy, s of a run,
+    which cases, and which quantities are changed."""
+
+    runs: int = 100
+    peers: int = 3
+    duration: float = DURATION
+    cases: tuple[str, ...] = tuple(BY_NAME)
+    stepped: tuple[str, ...] = tuple(CHANGE)
+    seed: int = 0
+
+
+Measured = dict[str, pd.DataFrame]
+"""Frames by kind (errors, consistency, steps, peers), each with the columns world, case (or the quantity that
+was changed) and run; and speed, see `measure_speed`. What was left out has none."""
+
+
+def measure(plan: Plan, workers: int = 1, progress: Callable[[float], None] = lambda share: None) -> Measured:
+    """Measure everything but speed; the number of processes changes no figure."""
+    peers = [name for name in PEER_CASES if name in plan.cases]
+    jobs = [
+        (kind, world, name, run)
+        for kind, names, runs in (
+            ("peer", peers, plan.peers), ("run", plan.cases, plan.runs), ("step", plan.stepped, plan.runs)
+        )
+        for world, name, run in product(WORLDS, names, range(runs))
+    ]  # fmt: skip
+    told = for_each_unit(
+        partial(_work, plan), jobs, workers=workers, progress=lambda n, total: progress(n / total)
+    )
+    return {
+        kind: pd.concat([frame for k, frame in told if k == kind], ignore_index=True)
+        for kind in dict.fromkeys(k for k, _ in told)
+    }
+
+
+def _work(plan: Plan, job: tuple[str, str, str, int]) -> list[tuple[str, pd.DataFrame]]:
+    """One run; its seed is made of what it is, so that a report can be made again."""
+    kind, world, name, run = job
+    seed = (plan.seed, zlib.crc32(f"{kind}|{world}|{name}".encode()), run)
+    with threadpool_limits(1), warnings.catch_warnings():
+        # A filter that loses its covariance overflows; it is counted, and need not be told here too.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        if kind == "step":
+            frames = {"steps": step_run(prepare(world, STEP_CASE, seed, ONSET + AFTER, name), name)}
+        elif kind == "peer":
+            frames = {"peers": peer_run(prepare(world, BY_NAME[name], seed, PEER_DURATION))}
+        else:
+            frames = evaluate(prepare(world, BY_NAME[name], seed, plan.duration))
+    return [(k, frame.assign(world=world, case=name, run=run)) for k, frame in frames.items()]
+
+
+def measure_speed(duration: float = 60.0, repeats: int = 9, peer_samples: int = 3000) -> pd.DataFrame:
+    """µs of processor time a sample (median, best) of both filters and of filterpy's EKF, by name.
+
+    On one simulated log of `duration` s with a spring load, one core, in turns: whatever else runs hits all.
+    """
+    unit, recording = Unit.load("axis_a"), Recording(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0)
+    scenario = Scenario(duration=duration, seed=1, load={"name": "spring"}, recording=recording)
+    samples = simulate(unit, scenario).samples
+    tracking = Tracking(unit, Channels.of(samples), 1e-3)
+    block, prior, took = tracking.block(samples), assumed(tracking.trackers["ekf"]), dict[str, list[float]]()
+    for turn in range(repeats):
+        for method, tracker in tracking.trackers.items():
+            fresh = tracker.state()
+            tracker.push(block[:1000])  # compiling is not its work
+            tracker.restore(fresh)
+            began = time.process_time()
+            tracker.push(block)
+            took.setdefault(method.upper(), []).append((time.process_time() - began) / len(block))
+            tracker.restore(fresh)
+        if turn % 3 == 0 and find_spec("filterpy") is not None:
+            part, last = block[:peer_samples], np.array([peer_samples - 1])
+            began = time.process_time()
+            run_peer(PEERS[0], tracking.model, prior, part, False, last)
+            took.setdefault(PEERS[0], []).append((time.process_time() - began) / peer_samples)
+    rows = {name: {"median": 1e6 * np.median(s), "best": 1e6 * min(s)} for name, s in took.items()}
+    return pd.DataFrame.from_dict(rows, orient="index").assign(samples=len(block))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -30,10 +30,9 @@ from reports.service import resident
 ROWS = 100
 """Of a block: 100 ms at 1 kHz."""
 BLOCK_S = 0.1
-LEAK = {"fault": "internal_leakage", "severity": 0.6, "onset": 30.0}
 DUTIES: tuple[dict[str, Any], ...] = (
     {"duty": {"name": "flight"}},
-    {"duty": {"name": "flight"}, "faults": [LEAK]},
+    {"duty": {"name": "flight"}, "faults": [{"fault": "internal_leakage", "severity": 0.6, "onset": 30.0}]},
     {"duty": {"name": "sines"}, "load": {"name": "spring"}},
     {"duty": {"name": "steps"}, "load": {"name": "constant"}},
 )
@@ -87,51 +86,38 @@ def inside(recorded: Sequence[Samples], axes: int, seconds: float, repeats: int,
     The logs are dealt to the axes, `seconds` of each; memory is measured after `aged_s` s, or not at 0.
     """
     parts = [log.rows(0, round(1000.0 * max(seconds, aged_s))) for log in recorded]
-    payloads = [messages(part) for part in parts]
-    blocks = round(seconds / BLOCK_S)
-    per_us = 1e6 / (axes * blocks * ROWS)
+    payloads, decoder, model = [messages(part) for part in parts], Decoder(), Model.load()
+    blocks, costs, alone, grown = round(seconds / BLOCK_S), [], [], float("nan")
     with tempfile.TemporaryDirectory(prefix="fdd-load-") as name:
-        folder = Path(name)
-        (folder / "unit.yaml").write_text(profile_text(), "utf-8")
-        _fleet(folder, "first", payloads, 1)(0, min(blocks, 150))
-        costs, alone = [], []
+        profile = Path(name) / "unit.yaml"
+        profile.write_text(profile_text(), "utf-8")
+
+        def worked(store: str, axes: int, blocks: int) -> tuple[Fleet, float]:
+            """A new fleet that has worked so many blocks of all axes, and the s of processor time it took."""
+            inbox = Inbox()
+            fleet = Fleet(
+                Profiles(fallback=str(profile)), model, Store(f"sqlite:///{name}/{store}.db"), Bus(), inbox
+            )
+            fleet.resume()
+            begun = time.thread_time()
+            for number in range(blocks):
+                for k in range(axes):
+                    payload = payloads[k % len(payloads)][number]
+                    inbox.put(decoder.decode(payload, "load", axis=f"A{k}", patient=True))
+                while fleet.step(0.0):
+                    pass
+            return fleet, time.thread_time() - begun
+
+        worked("first", 1, min(blocks, 150))
         for k in range(repeats):  # in turn: other work on the machine slows both alike
-            costs.append(_cpu(_fleet(folder, f"{k}", payloads, axes), blocks))
+            costs.append(worked(f"{k}", axes, blocks)[1])
             alone.append(sum(_alone(part.rows(0, blocks * ROWS)) for part in parts) / len(parts))
-        grown = float("nan")
         if aged_s > 0.0:
             before = resident()
-            keep = _fleet(folder, "aged", payloads, axes)
-            keep(0, round(aged_s / BLOCK_S))
-            grown = (resident() - before) / axes
-    us = per_us * median(costs), 1e6 * median(alone) / (blocks * ROWS)
-    return Inside(axes, seconds, *us, grown, aged_s)
-
-
-def _fleet(
-    folder: Path, name: str, payloads: Sequence[Sequence[bytes]], axes: int
-) -> Callable[[int, int], None]:
-    """A fleet, as a function that lets it work blocks of all axes, from one number up to another."""
-    store, inbox = Store(f"sqlite:///{folder / name}.db"), Inbox()
-    fleet = Fleet(Profiles(fallback=str(folder / "unit.yaml")), Model.load(), store, Bus(), inbox)
-    fleet.resume()
-    decoder = Decoder()
-
-    def work(first: int, last: int) -> None:
-        for number in range(first, last):
-            for k in range(axes):
-                payload = payloads[k % len(payloads)][number]
-                inbox.put(decoder.decode(payload, "load", axis=f"A{k}", patient=True))
-            while fleet.step(0.0):
-                pass
-
-    return work
-
-
-def _cpu(run: Callable[[int, int], None], blocks: int) -> float:
-    begun = time.thread_time()
-    run(0, blocks)
-    return time.thread_time() - begun
+            kept, _ = worked("aged", axes, round(aged_s / BLOCK_S))
+            grown = (resident() - before) / len(kept.axes())
+    us = 1e6 / (blocks * ROWS)
+    return Inside(axes, seconds, us * median(costs) / axes, us * median(alone), grown, aged_s)
 
 
 def _alone(log: Samples) -> float:

@@ -10,8 +10,8 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ import paho.mqtt.client as paho
 from fdd.samples import Samples
 from fdd.unit import Unit
 from reports.live.inside import BLOCK_S, LEAKING, ROWS, messages, profile_text
-from reports.service import MOSQUITTO, Broker, Process, until
+from reports.service import MOSQUITTO, Process, broker, until
 
 LAG_S = 1.0
 """s in which 99 % of the looks, and so of the findings, must be told."""
@@ -44,7 +44,6 @@ class Stage:
     `findings`: of the leaking axes, that came while it was measured. `finding_lag`: s, the latest of them.
     `dropped`: samples that were sent and are in no diagnosis. `behind`: s of data that were not worked at the
     end, mean of the axes. `late`: s, 99 % of how late the publisher itself was. `rss`: bytes at the end.
-    `rss_growth`: bytes a second over the stage's second half.
     """
 
     axes: int
@@ -59,7 +58,6 @@ class Stage:
     behind: float
     late: float
     rss: int
-    rss_growth: float
 
     @property
     def line(self) -> str:
@@ -75,22 +73,61 @@ class Stage:
         return self.lag_99 <= LAG_S and not self.dropped and self.looks > 0
 
 
-@dataclass
-class _Sender:
-    """Publishes each axis's blocks when their last sample is due; remembers when it did."""
+def why_not() -> str | None:
+    """Why the service cannot be measured here; None where it can."""
+    if MOSQUITTO is None:
+        return "no mosquitto here, the broker of the measurement: install it (Debian: mosquitto)"
+    if not hasattr(os, "sched_setaffinity") or len(os.sched_getaffinity(0)) < 2:
+        return "the service needs a core of its own: no two cores, or no Linux"
+    return None
 
-    broker: int
-    payloads: Sequence[Sequence[bytes]]
-    spread_s: float = LOOKS_EVERY_S
-    sent: dict[str, list[float]] = field(default_factory=dict)
-    late: list[float] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
-        self._due: list[tuple[float, int]] = []
+@contextmanager
+def served_by_broker(profile: str | None = None, core: int | None = None) -> Iterator[tuple[Process, int]]:
+    """A service that has started, pinned to a core or not, and the port of its broker.
+
+    `profile`: YAML, the demo's where none is given.
+    """
+    with tempfile.TemporaryDirectory(prefix="fdd-load-") as name, broker(Path(name)) as port:
+        (Path(name) / "unit.yaml").write_text(profile or profile_text(), "utf-8")
+        source = {"type": "mqtt", "host": "127.0.0.1", "port": port, "topics": ["rig/{axis}/blocks"]}
+        served = Process(Path(name), [source], core, fallback=str(Path(name) / "unit.yaml"))
+        try:
+            served.start()
+            yield served, port
+        finally:
+            served.kill()
+
+
+class _Watched:
+    """A service on a core of its own, to which blocks are sent when their last sample is due, and its events.
+
+    `sent`: by axis, Unix s at which its blocks were sent. `late`: s that each was sent too late. `heard`:
+    kind, axis, time of the stream and Unix s of each event.
+    """
+
+    def __init__(self, served: Process, port: int, recorded: Sequence[Samples], spread_s: float) -> None:
+        self.served, self.spread_s, self._due = served, spread_s, list[tuple[float, int]]()
+        self.sent, self.late = dict[str, list[float]](), list[float]()
+        self.heard: list[tuple[str, str, float, float]] = []
+        self._payloads = [messages(log) for log in recorded]
         self._client = paho.Client(paho.CallbackAPIVersion.VERSION2, protocol=paho.MQTTv5)
         self._client.max_inflight_messages_set(60_000)
-        self._client.connect("127.0.0.1", self.broker)
+        self._client.connect("127.0.0.1", port)
         self._client.loop_start()
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        link = HTTPConnection("127.0.0.1", self.served.port, timeout=60.0)
+        try:
+            link.request("GET", "/api/events")
+            for line in iter(link.getresponse().readline, b""):
+                if line.startswith(b'data: {"kind":'):
+                    event, now = json.loads(line[6:]), time.time()
+                    if event["kind"] in ("status", "finding"):
+                        self.heard.append((event["kind"], event["axis"], event["time"], now))
+        except (OSError, HTTPException, ValueError):
+            return  # the service was ended
 
     def add(self, axes: int) -> None:
         """Begin with axes up to this number."""
@@ -105,7 +142,7 @@ class _Sender:
         while self._due and self._due[0][0] < end:
             due, k = heapq.heappop(self._due)
             time.sleep(max(0.0, due - time.time()))
-            times, mine = self.sent[f"A{k}"], self.payloads[k % len(self.payloads)]
+            times, mine = self.sent[f"A{k}"], self._payloads[k % len(self._payloads)]
             times.append(time.time())
             self.late.append(times[-1] - due)
             self._client.publish(f"rig/A{k}/blocks", mine[len(times) - 1], qos=1)
@@ -117,65 +154,60 @@ class _Sender:
         self._client.disconnect()
         self._client.loop_stop()
 
+    def worked(self) -> int:
+        """Samples in all diagnoses."""
+        return sum(axis["samples"] for axis in self.served.axes())
 
-class _Listener(threading.Thread):
-    """Hears the service's events: (kind, axis, time of the stream, Unix seconds)."""
+    def lags(self, kind: str, begun: float) -> dict[str, list[float]]:
+        """By axis, s from the sending of each look's last sample until it was heard, since `begun`."""
+        lags: dict[str, list[float]] = {}
+        for what, axis, at, heard in list(self.heard):
+            last = round(at / BLOCK_S) - 1
+            if what == kind and heard >= begun and last < len(self.sent[axis]):
+                lags.setdefault(axis, []).append(heard - self.sent[axis][last])
+        return lags
 
-    def __init__(self, port: int) -> None:
-        super().__init__(daemon=True)
-        self.heard: list[tuple[str, str, float, float]] = []
-        self._link = HTTPConnection("127.0.0.1", port, timeout=60.0)
-
-    def run(self) -> None:
-        self._link.request("GET", "/api/events")
-        answer = self._link.getresponse()
-        try:
-            for line in iter(answer.readline, b""):
-                if line.startswith(b'data: {"kind":'):
-                    event, now = json.loads(line[6:]), time.time()
-                    if event["kind"] in ("status", "finding"):
-                        self.heard.append((event["kind"], event["axis"], event["time"], now))
-        except (OSError, HTTPException, ValueError):
-            return  # the service was ended
-
-
-def why_not() -> str | None:
-    """Why the service cannot be measured here; None where it can."""
-    if MOSQUITTO is None:
-        return "no mosquitto here, the broker of the measurement: install it (Debian: mosquitto)"
-    if not hasattr(os, "sched_setaffinity") or len(os.sched_getaffinity(0)) < 2:
-        return "the service needs a core of its own: no two cores, or no Linux"
-    return None
+    def stage(self, axes: int, seconds: float) -> Stage:
+        """Send of so many axes, and measure once they have settled."""
+        self.add(axes)
+        settle = min(SETTLE_S, seconds / 2.0)
+        self.run(settle)
+        self.late.clear()
+        before, begun, cpu = self.worked(), time.time(), self.served.cpu_s
+        self.run(seconds - settle)
+        span, cpu, after = time.time() - begun, self.served.cpu_s - cpu, self.served.axes()
+        worked = sum(a["samples"] for a in after) - before
+        lags, findings = (
+            [lag for of in self.lags(kind, begun).values() for lag in of] for kind in ("status", "finding")
+        )
+        looks = np.array(lags or [np.nan])
+        return Stage(
+            axes=axes, cpu_us=1e6 * cpu / max(worked, 1), busy=cpu / span, lag=float(np.median(looks)),
+            lag_99=float(np.quantile(looks, 0.99)), looks=len(lags), findings=len(findings),
+            finding_lag=max(findings, default=np.nan),
+            dropped=sum(a["quality"][why] for a in after for why in ("overrun", "dropped", "late")),
+            behind=sum(BLOCK_S * len(self.sent[a["name"]]) - 1e-3 * a["samples"] for a in after)
+            / max(len(after), 1),
+            late=float(np.quantile(self.late, 0.99)), rss=self.served.resident,
+        )  # fmt: skip
 
 
 @contextmanager
-def _serving(
-    recorded: Sequence[Samples], *, profile: str | None = None, together: bool = False
-) -> Iterator[tuple[Process, _Sender, _Listener]]:
-    """A service on a core of its own, what sends to it and what hears it, both on the other cores.
-
-    `profile`: YAML, the demo's where none is given. `together`: all axes begin at once.
-    """
+def _watched(
+    recorded: Sequence[Samples], profile: str | None = None, spread_s: float = LOOKS_EVERY_S
+) -> Iterator[_Watched]:
+    """The service has one core, what sends to it and hears it the others; axes begin within `spread_s`."""
     core, *others = sorted(os.sched_getaffinity(0))
-    payloads = [messages(log) for log in recorded]
-    with tempfile.TemporaryDirectory(prefix="fdd-load-") as name, ExitStack() as stack:
-        os.sched_setaffinity(0, others)
-        stack.callback(os.sched_setaffinity, 0, {core, *others})
-        broker = Broker(Path(name))
-        stack.callback(broker.stop)
-        topics = ["rig/{axis}/blocks"]
-        source = {"type": "mqtt", "host": "127.0.0.1", "port": broker.port, "topics": topics}
-        (Path(name) / "unit.yaml").write_text(profile or profile_text(), "utf-8")
-        served = Process(Path(name), [source], core, fallback=str(Path(name) / "unit.yaml"))
-        served.start()
-        stack.callback(served.kill)
-        sender, listener = (
-            _Sender(broker.port, payloads, 0.0 if together else LOOKS_EVERY_S),
-            _Listener(served.port),
-        )
-        stack.callback(sender.stop)
-        listener.start()
-        yield served, sender, listener
+    os.sched_setaffinity(0, others)
+    try:
+        with served_by_broker(profile, core) as (served, port):
+            watched = _Watched(served, port, recorded, spread_s)
+            try:
+                yield watched
+            finally:
+                watched.stop()
+    finally:
+        os.sched_setaffinity(0, {core, *others})
 
 
 def ramp(
@@ -183,9 +215,9 @@ def ramp(
 ) -> list[Stage]:
     """Measure each number of axes, `seconds` each, until one is too many; `told` hears of each."""
     stages: list[Stage] = []
-    with _serving(recorded) as (served, sender, listener):
+    with _watched(recorded) as watched:
         for n in axes:
-            stages.append(_stage(served, sender, listener, n, seconds))
+            stages.append(watched.stage(n, seconds))
             told(stages[-1].line)
             if not stages[-1].in_time:
                 break
@@ -196,17 +228,16 @@ def harder(
     recorded: Sequence[Samples], axes: int, seconds: float, told: Callable[[str], None]
 ) -> dict[str, Stage]:
     """The same number of axes where each costs more; `told` hears of each."""
-    leaking = [recorded[LEAKING]]
     plain = Unit.from_yaml(profile_text(), where="demo").model_copy(update={"baseline": None}).to_yaml()
     cases: dict[str, tuple[Sequence[Samples], dict[str, Any]]] = {
-        "every axis leaks": (leaking, {}),
-        "all axes begin at once": (recorded, {"together": True}),
+        "every axis leaks": ([recorded[LEAKING]], {}),
+        "all axes begin at once": (recorded, {"spread_s": 0.0}),
         "no axis has a baseline": (recorded, {"profile": plain}),
     }
     found = {}
     for name, (logs, how) in cases.items():
-        with _serving(logs, **how) as parts:
-            found[name] = _stage(*parts, axes, seconds)
+        with _watched(logs, **how) as watched:
+            found[name] = watched.stage(axes, seconds)
         told(f"{name}: {found[name].line}")
     return found
 
@@ -233,58 +264,18 @@ class Overload:
 
 def overload(recorded: Sequence[Samples], axes: int, seconds: float) -> Overload:
     """Send of so many axes, and then let it catch up."""
-    with _serving(recorded) as (served, sender, listener):
-        sender.add(axes)
-        sender.run(seconds / 2.0)
+    with _watched(recorded) as watched:
+        served = watched.served
+        watched.add(axes)
+        watched.run(seconds / 2.0)
         begun, rss, middle = time.time(), served.resident, served.problems()
-        sender.run(seconds / 2.0)
+        watched.run(seconds / 2.0)
         rss, told, ended = max(rss, served.resident), served.problems() or middle, time.time()
-        lags = _lags(sender, listener, "status", begun)
         least = int((ended - begun) / LOOKS_EVERY_S) - 1
-        whole = [x for x in lags.values() if len(x) >= least]
+        whole = [lags for lags in watched.lags("status", begun).values() if len(lags) >= least]
         lag = float(np.median(np.concatenate(whole))) if whole else math.nan
-        sent = sum(ROWS * len(times) for times in sender.sent.values())
+        sent = sum(ROWS * len(times) for times in watched.sent.values())
         # The last half second of an axis waits for a frame's end, and then for silence.
-        until(lambda: sum(a["samples"] for a in served.axes()) >= sent, CAUGHT_UP_S)
-        worked, took = sum(a["samples"] for a in served.axes()), time.time() - ended
-        rss = max(rss, served.resident)
+        until(lambda: watched.worked() >= sent, CAUGHT_UP_S)
+        worked, took, rss = watched.worked(), time.time() - ended, max(rss, served.resident)
     return Overload(axes, seconds, len(whole), lag, "; ".join(told), rss, sent, worked, took)
-
-
-def _lags(sender: _Sender, listener: _Listener, kind: str, begun: float) -> dict[str, list[float]]:
-    """By axis, s from the sending of each look's last sample until it was heard, since `begun` (Unix s)."""
-    lags: dict[str, list[float]] = {}
-    for what, axis, at, heard in list(listener.heard):
-        last = round(at / BLOCK_S) - 1
-        if what == kind and heard >= begun and last < len(sender.sent[axis]):
-            lags.setdefault(axis, []).append(heard - sender.sent[axis][last])
-    return lags
-
-
-def _stage(served: Process, sender: _Sender, listener: _Listener, axes: int, seconds: float) -> Stage:
-    sender.add(axes)
-    settle = min(SETTLE_S, seconds / 2.0)
-    sender.run(settle)
-    sender.late.clear()
-    half = (seconds - settle) / 2.0
-    before, begun, cpu = served.axes(), time.time(), served.cpu_s
-    sender.run(half)
-    middle = served.resident
-    sender.run(half)
-    span, cpu = time.time() - begun, served.cpu_s - cpu
-    rss, after = served.resident, served.axes()
-    worked = sum(a["samples"] for a in after) - sum(a["samples"] for a in before)
-    sent = {axis: ROWS * len(times) for axis, times in sender.sent.items()}
-    lags, findings = (
-        [lag for of in _lags(sender, listener, kind, begun).values() for lag in of]
-        for kind in ("status", "finding")
-    )
-    looks = np.array(lags or [np.nan])
-    return Stage(
-        axes=axes, cpu_us=1e6 * cpu / max(worked, 1), busy=cpu / span, lag=float(np.median(looks)),
-        lag_99=float(np.quantile(looks, 0.99)), looks=len(lags), findings=len(findings),
-        finding_lag=max(findings, default=np.nan),
-        dropped=sum(a["quality"]["overrun"] + a["quality"]["dropped"] + a["quality"]["late"] for a in after),
-        behind=1e-3 * sum(sent[a["name"]] - a["samples"] for a in after) / max(len(after), 1),
-        late=float(np.quantile(sender.late, 0.99)), rss=rss, rss_growth=(rss - middle) / half,
-    )  # fmt: skip

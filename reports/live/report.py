@@ -1,26 +1,40 @@
-"""``python -m reports load``: how many axes one core watches in real time."""
+"""``python -m reports load``: how many axes one core watches in real time; ``outage``: nothing is lost."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
+import paho.mqtt.client as paho
 import typer
 
 from fdd.cli.console import progress, remark
 from fdd.errors import InputError
-from reports.live.inside import Inside, inside, logs
-from reports.live.ramp import LAG_S, SETTLE_S, Overload, Stage, harder, overload, ramp, why_not
-from reports.writing import FOLDER, OutOption, load_now, made_by, require_folder, template, write_report
+from reports.live.inside import BLOCK_S, LEAKING, ROWS, Inside, inside, logs, messages
+from reports.live.ramp import (
+    LAG_S,
+    SETTLE_S,
+    Overload,
+    Stage,
+    harder,
+    overload,
+    ramp,
+    served_by_broker,
+    why_not,
+)
+from reports.service import MOSQUITTO, until
+from reports.writing import FOLDER, OutOption, load_now, made_by, render, require_folder, write_report
 
 GOAL_AXES, GOAL_BYTES = 100, 20e6
 """Axes on a core, and memory of each, that were asked for."""
 HARDER_AXES = 40
 """Of the cases in which each axis costs more."""
-FLEET_AXES, FLEET_SHARDS = 1000, 16
+BEFORE_S = 10.0
+"""s of data that are sent before the service is killed."""
+LONGEST_S = 3600.0
 
 
 def load(
@@ -52,7 +66,7 @@ def load(
         stages = ramp(recorded, numbers, seconds, remark)
         cases = harder(recorded, min(HARDER_AXES, numbers[-1]), seconds, remark)
         over = overload(recorded, 2 * max(_most(stages), 1), 2.0 * seconds)
-    write_report(out / "live.md", report_lines(cost, stages, seconds, missing, cases, over))
+    write_report(out / "live.md", report_text(cost, stages, seconds, missing, cases, over))
     print(f"{cost.whole:.1f} µs a sample, of which {cost.alone:.1f} are the pipeline's")
     print(f"{_most(stages)} axes in real time on one core" if stages else f"not in real time: {missing}")
 
@@ -61,22 +75,61 @@ def _most(stages: Sequence[Stage]) -> int:
     return max((s.axes for s in stages if s.in_time), default=0)
 
 
-def report_lines(
+def report_text(
     cost: Inside, stages: Sequence[Stage], seconds: float, why: str | None = None,
     cases: Mapping[str, Stage] | None = None, over: Overload | None = None,
-) -> list[str]:  # fmt: skip
+) -> str:  # fmt: skip
     """The whole report; `why` says what hindered the measurement in real time."""
-    each = math.ceil(FLEET_AXES / FLEET_SHARDS)
-    near = min(stages, key=lambda s: abs(s.axes - each), default=None)
-    # Bytes of a service without axes, by the line through the stages.
-    base = stages[0].rss if stages else 0.0
-    if len(stages) > 1:
-        base = max(float(np.polyfit([s.axes for s in stages], [s.rss for s in stages], 1)[1]), 0.0)
-    page = template(Path(__file__).with_name("live.md.j2"))
-    text = page.render(
-        made_by=made_by("load"), load_now=load_now(), cost=cost, stages=stages, seconds=seconds, why=why,
-        best=_most(stages), goal_axes=GOAL_AXES, goal_bytes=GOAL_BYTES, settle=SETTLE_S, lag=LAG_S,
-        each=each, near=near, us=cost.whole if near is None else near.cpu_us, base=base, fleet=FLEET_AXES,
-        shards=FLEET_SHARDS, cases=cases or {}, over=over, aged=math.isfinite(cost.axis_bytes),
+    return render(
+        Path(__file__).with_name("live.md.j2"), made_by=made_by("load"), load_now=load_now(), cost=cost,
+        stages=stages, seconds=seconds, why=why, best=_most(stages), goal_axes=GOAL_AXES,
+        goal_bytes=GOAL_BYTES, settle=SETTLE_S, lag=LAG_S, cases=cases or {}, over=over,
+        aged=math.isfinite(cost.axis_bytes),
     )  # fmt: skip
-    return text.splitlines()
+
+
+def outage(
+    axes: Annotated[int, typer.Option(min=1, max=200, help="That send.")] = 24,
+    seconds: Annotated[float, typer.Option(min=30.0, max=3600.0, help="s of data sent meanwhile.")] = 600.0,
+) -> None:
+    """Kill the service, let axes send to the broker, start it again: what is lost or told twice (10 min)."""
+    if MOSQUITTO is None:
+        raise InputError("no mosquitto here", mend="install it (Debian: mosquitto)")
+    with progress("simulating logs"):
+        payloads = [messages(log) for log in logs(BEFORE_S + seconds)]
+    first, last = round(BEFORE_S / BLOCK_S), round((BEFORE_S + seconds) / BLOCK_S)
+    client = paho.Client(paho.CallbackAPIVersion.VERSION2, protocol=paho.MQTTv5)
+    client.max_queued_messages_set(0)
+
+    def send(begin: int, end: int) -> None:
+        for number in range(begin, end):
+            for k in range(axes):
+                sent = client.publish(f"rig/A{k}/blocks", payloads[k % len(payloads)][number], qos=1)
+            if number % 50 == 49 or number == end - 1:
+                sent.wait_for_publish(300.0)
+
+    with served_by_broker() as (served, port):
+        until(lambda: not served.problems(), 30.0)
+        client.connect("127.0.0.1", port)
+        client.loop_start()
+        send(0, first)
+        served.kill()
+        send(first, last)
+        client.loop_stop()
+        begun = time.monotonic()
+        served.spawn()
+        until(lambda: served.get("/api/health"), 120.0)
+        answered, wanted, slowest, worked = time.monotonic() - begun, axes * last * ROWS, 0.0, 0
+        while worked < wanted and time.monotonic() - begun < LONGEST_S:
+            time.sleep(1.0)
+            asked = time.monotonic()
+            served.problems()
+            slowest = max(slowest, time.monotonic() - asked)
+            worked = sum(axis["samples"] for axis in served.axes())
+        took, megabytes = time.monotonic() - begun, served.resident / 1e6
+        served.end()
+        findings, audit = served.told()
+    print(f"{worked:,} of {wanted:,} samples are worked {took:.0f} s after the start, {megabytes:.0f} MB")
+    print(f"health answers {answered:.1f} s after the start, and then within {slowest:.2f} s")
+    leaking = sum(k % len(payloads) == LEAKING for k in range(axes))
+    print(f"{len(findings)} findings, {audit.count('RAISED')} alarms raised, of {leaking} axes that leak")

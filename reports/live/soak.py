@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,10 +28,10 @@ from fdd.service.inbox import Inbox
 from fdd.service.profiles import Profiles
 from fdd.service.store import Store
 from fdd.unit import Unit
-from reports.service import resident
-from reports.writing import FOLDER, OutOption, load_now, made_by, require_folder, template, write_report
+from reports.service import AXIS, resident
+from reports.writing import FOLDER, OutOption, load_now, made_by, render, require_folder, write_report
 
-AXIS, UNIT, FAULT = "A1", "axis_a", "internal_leakage"
+UNIT, FAULT = "axis_a", "internal_leakage"
 DAY_S, START_S, BLOCK_ROWS = 86400.0, 1.7e9, 100
 KEPT = 2
 """Of the rows that the plant records at 200 Hz every second one is sent: 100 Hz."""
@@ -98,35 +98,33 @@ def recorded(rng: np.random.Generator, celsius: float, seconds: float, severity:
     return Samples(run.time[::KEPT], {name: run[name][::KEPT] for name in run.channels if name != "command"})
 
 
-def known_unit(rng: np.random.Generator) -> Unit:
-    """The actuator as its own healthy logs at four temperatures tell it."""
-    logs = [recorded(rng, celsius, 120.0) for celsius in (25.0, 35.0, 45.0, 38.0)]
-    return add_baseline(identify_unit(logs, Unit.load(UNIT)).unit, logs)
-
-
-def flights(plan: Plan, rng: np.random.Generator) -> Iterator[tuple[float, float, Samples]]:
-    """Day, severity and samples (Unix seconds) of each; the oil is as warm as the day, give or take 2 K."""
-    for number in range(plan.days * plan.flights):
-        day = (number + 0.5) / plan.flights
-        celsius = 35.0 + 8.0 * np.sin(2.0 * np.pi * (day - 0.375)) + rng.normal(scale=2.0)
-        run = recorded(rng, celsius, 60.0 * plan.minutes, plan.at(day))
-        yield day, plan.at(day), Samples(run.time + START_S + DAY_S * day, run.columns)
-
-
 def lived(plan: Plan, seed: int, folder: Path, advance: Callable[[float], None]) -> Life:
     """Let an axis live; each night the service is restarted, every other time by a kill."""
     rng, life = np.random.default_rng(seed), Life(plan.severity > 0.0)
-    profile = folder / "unit.yaml"
-    known_unit(rng).save(profile)
-    now, cpu, sequence = [START_S], 0.0, 0
-    path = folder / "fdd.db"
-    store, fleet, inbox = _opened(path, profile, now)
-    for day, severity, samples in flights(plan, rng):
+    healthy = [recorded(rng, celsius, 120.0) for celsius in (25.0, 35.0, 45.0, 38.0)]
+    profile, path = folder / "unit.yaml", folder / "fdd.db"
+    add_baseline(identify_unit(healthy, Unit.load(UNIT)).unit, healthy).save(profile)
+    now, cpu, sequence = START_S, 0.0, 0
+
+    def opened() -> tuple[Store, Fleet, Inbox]:
+        store, inbox = Store(f"sqlite:///{path}"), Inbox()
+        profiles = Profiles({AXIS: str(profile)})
+        fleet = Fleet(profiles, Model.load(), store, Bus(), inbox, clock=lambda: now)
+        fleet.resume()
+        return store, fleet, inbox
+
+    store, fleet, inbox = opened()
+    for number in range(plan.days * plan.flights):
+        day = (number + 0.5) / plan.flights
+        # The oil is as warm as the day, give or take 2 K.
+        celsius = 35.0 + 8.0 * np.sin(2.0 * np.pi * (day - 0.375)) + rng.normal(scale=2.0)
+        run = recorded(rng, celsius, 60.0 * plan.minutes, plan.at(day))
+        samples = Samples(run.time + START_S + DAY_S * day, run.columns)
         began = time.process_time()
         for start in range(0, len(samples), BLOCK_ROWS):
             part = samples.rows(start, start + BLOCK_ROWS)
-            now[0] = float(part.time[-1])
-            inbox.put(Block(AXIS, part, sequence, "soak", now[0]))
+            now = float(part.time[-1])
+            inbox.put(Block(AXIS, part, sequence, "soak", now))
             sequence += 1
             while fleet.step(0.0):
                 pass
@@ -134,35 +132,23 @@ def lived(plan: Plan, seed: int, folder: Path, advance: Callable[[float], None])
         life.samples += len(samples)
         life.hours += samples.duration / 3600.0
         advance(life.samples)
-        if int(day + 1.0 / plan.flights) == int(day):
+        if (number + 1) % plan.flights:
             continue
         killed = int(day) % 2 == 1
         if not killed:
             fleet.keep()
-        estimate = fleet.axes()[0].estimates["leakage"]
+        leakage = fleet.axes()[0].estimates["leakage"]
         store.close()
         life.restarts[killed] += 1
-        life.days.append(
-            Day(
-                int(day) + 1, severity, estimate.value or 0.0, estimate.std or 0.0,
-                resident(), path.stat().st_size, 1e6 * cpu / life.samples,
-            )
-        )  # fmt: skip
-        store, fleet, inbox = _opened(path, profile, now)
+        found, size, us = (leakage.value or 0.0, leakage.std or 0.0), path.stat().st_size, cpu / life.samples
+        life.days.append(Day(int(day) + 1, plan.at(day), *found, resident(), size, 1e6 * us))
+        store, fleet, inbox = opened()
     for record in reversed(store.audit()):
         if record["action"] == "RAISED":
             alarm = store.alarm(record["alarm_id"]) or {}
             life.alarms.append(((record["wall"] - START_S) / DAY_S, alarm["fault"], alarm.get("severity")))
     store.close()
     return life
-
-
-def _opened(path: Path, profile: Path, now: list[float]) -> tuple[Store, Fleet, Inbox]:
-    store, inbox = Store(f"sqlite:///{path}"), Inbox()
-    profiles = Profiles({AXIS: str(profile)})
-    fleet = Fleet(profiles, Model.load(), store, Bus(), inbox, clock=lambda: now[0])
-    fleet.resume()
-    return store, fleet, inbox
 
 
 def soak(
@@ -181,23 +167,15 @@ def soak(
             progress(f"life {number + 1} of 2", 6000.0 * minutes * days * flights) as advance,
             tempfile.TemporaryDirectory(prefix="fdd-soak-") as folder,
         ):
-            lives.append(lived(each, seed + number, Path(folder), advance))
-    for life in lives:
+            life = lived(each, seed + number, Path(folder), advance)
         print(f"{life.hours:.0f} hours in motion: {len(life.alarms)} alarms")
-    write_report(out / "soak.md", report_lines(plan, lives))
-
-
-def report_lines(plan: Plan, lives: Sequence[Life]) -> list[str]:
-    """The whole report."""
-    shown = []
-    for life in lives:
         leaks = [a for a in life.alarms if life.wears and a[0] >= plan.onset]
         half = life.days[len(life.days) // 2 :]
-        growth = (
-            np.polyfit([d.number for d in half], [d.resident / 1e6 for d in half], 1)[0] if half[1:] else 0.0
-        )
+        growth = np.polyfit([d.number for d in half], [d.resident / 1e6 for d in half], 1)[0]
         found = next((day for day, name, _ in leaks if name == FAULT), None)
-        shown.append((life, growth, len(life.alarms) - len(leaks), found))
-    page = template(Path(__file__).with_name("soak.md.j2"), title=lambda name: fault(name).title)
-    text = page.render(made_by=made_by("soak"), load_now=load_now(), plan=plan, lives=shown)
-    return text.splitlines()
+        lives.append((life, growth, len(life.alarms) - len(leaks), found))
+    text = render(
+        Path(__file__).with_name("soak.md.j2"), made_by=made_by("soak"), load_now=load_now(), plan=plan,
+        lives=lives, title=lambda name: fault(name).title,
+    )  # fmt: skip
+    write_report(out / "soak.md", text)

@@ -6,10 +6,8 @@ import pytest
 from estimators.eha import model as eha
 from fdd.residuals.tracking import Channels, Tracking
 from fdd.unit import Unit
-from reports.estimators.bound import eha_bound
-from reports.estimators.cases import Case, Trajectory
-from reports.estimators.matched import draw, matched_unit
-from reports.estimators.model import FORCE_PERIOD, SETTLING, assumed
+from reports.estimators.cases import FORCE_PERIOD, SETTLING, Case, Trajectory, assumed
+from reports.estimators.matched import draw, eha_bound, matched_unit
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +31,7 @@ def test_the_compiled_bound_is_the_recursion_on_the_eha_model(sliding):
     model, prior, truth = sliding
     x, sizes = truth.states, prior.sizes
     rows = np.array([50, 99, 150, 199])
-    found = eha_bound(truth, model, prior, minimum=False, rows=rows)
+    found = eha_bound(truth, model, prior, False, rows)
 
     H = np.zeros((4, eha.STATES))
     for row, state in enumerate((eha.X, eha.TH, eha.P1, eha.P2)):

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from estimators.eha import model as eha
 
@@ -69,22 +70,23 @@ def fit_balance(
     drop = window.pressure_1 - window.pressure_2
     shut = np.abs(drop) < relief
     air_1, air_2 = (_air_integral(p, q.polytropic_index) for p in (window.pressure_1, window.pressure_2))
-    denser = 0.5 * q.displacement * q.stiff_compliance * _by_angle(drop, window.angle)
-    denser_air = 0.5e-3 * q.displacement * _by_angle(air_1 - air_2, window.angle)
+    denser = 0.5 * q.displacement * q.stiff_compliance * _integral(drop, window.angle)
+    denser_air = 0.5e-3 * q.displacement * _integral(air_1 - air_2, window.angle)
     parts = []
     for sign, volume, pressure, own_area in (
         (1.0, q.volume_1 + q.area_1 * window.position, window.pressure_1, q.area_1),
         (-1.0, q.volume_2 - q.area_2 * window.position, window.pressure_2, q.area_2),
     ):
         leak = q.cross_port_leakage * sign * drop + q.case_leakage * (pressure - window.accumulator)
-        leaked = np.concatenate([[0.0], np.cumsum(0.5 * (leak[1:] + leak[:-1]))]) * window.period
+        leaked = _integral(leak) * window.period
         pumped = sign * q.displacement * window.angle
         stiff = q.stiff_compliance * _stored(volume, pressure)
         air = 1e-3 * _stored(volume, _air_integral(pressure, q.polytropic_index))
         balance = pumped - denser - sign * own_area * window.position - stiff
         free = shut if sealed else shut & (pressure > window.accumulator + MARGIN)
         columns = np.column_stack([balance, leaked, air + denser_air, -pumped])
-        parts += [columns[a:b] - columns[a:b].mean(axis=0) for a, b in _stretches(free)]
+        edges = np.flatnonzero(np.diff(free.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+        parts += [columns[a:b] - columns[a:b].mean(axis=0) for a, b in edges if b - a >= SHORTEST]
     if not parts:
         return np.nan, np.nan
     table = np.concatenate(parts) / area
@@ -98,25 +100,17 @@ def fit_balance(
     return float(found[0]), float(found[1])
 
 
-def _by_angle(values: Array, angle: Array) -> Array:
-    """Integral over the pump's angle, (n,)."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(angle))])
+def _integral(values: Array, over: Array | None = None) -> Array:
+    """Running integral over another signal, or over the samples, (n,)."""
+    return np.asarray(cumulative_trapezoid(values, over, initial=0.0))
 
 
 def _stored(volume: Array, inner: Array) -> Array:
     """``∫ V d(inner)`` along the run, by parts so that noise of `inner` is not differentiated."""
-    by_volume = np.concatenate([[0.0], np.cumsum(0.5 * (inner[1:] + inner[:-1]) * np.diff(volume))])
-    return np.asarray(volume * inner - by_volume)
+    return volume * inner - _integral(inner, volume)
 
 
 def _air_integral(pressure: Array, n: float) -> Array:
     """Integral of c(p) over gauge pressure (MPa): a polytropic gas's volume, negative."""
     absolute = np.maximum(pressure + ATMOSPHERE, 0.1 * ATMOSPHERE)
     return np.asarray(-(ATMOSPHERE ** (1.0 / n)) * absolute ** (-1.0 / n))
-
-
-def _stretches(free: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], free.astype(np.int8), [0]])))
-    return [
-        (a, b) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if b - a >= SHORTEST
-    ]

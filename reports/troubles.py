@@ -1,0 +1,248 @@
+"""``python -m reports troubles``: faults of the service's own, tried on the real `fdd serve`.
+
+One trouble tried: a third of a leaking run before it, a third while it lasts, the rest after it.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import socket
+import sqlite3
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fdd.cli.console import progress
+from fdd.errors import InputError
+from fdd.markdown import table
+from fdd.plant.scenario import Scenario
+from fdd.plant.simulate import simulate
+from fdd.samples import Samples
+from fdd.service.blocks import Block, encode_json
+from fdd.unit import Unit
+from reports.service import AXIS, Process, free_port, until
+from reports.writing import FOLDER, OutOption, made_by, require_folder, write_report
+
+ARRIVED_S = 120.0
+ROWS = 100
+RUN_S = 60.0
+
+
+@contextmanager
+def _locked(process: Process) -> Iterator[None]:
+    other = sqlite3.connect(process.state / "fdd.db", isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+    finally:
+        other.execute("ROLLBACK")
+        other.close()
+
+
+@contextmanager
+def _full(process: Process) -> Iterator[None]:
+    filler = process.state / "filler"
+    with filler.open("wb", buffering=0) as file, suppress(OSError):
+        while True:
+            file.write(bytes(4096))
+    try:
+        yield
+    finally:
+        filler.unlink()
+
+
+@contextmanager
+def _no_growth(process: Process) -> Iterator[None]:
+    pid, kind = process.popen.pid, resource.RLIMIT_FSIZE
+    soft, hard = resource.prlimit(pid, kind)
+    resource.prlimit(pid, kind, (1 << 16, hard))
+    try:
+        yield
+    finally:
+        resource.prlimit(pid, kind, (soft, hard))
+
+
+@contextmanager
+def _renamed_file(process: Process) -> Iterator[None]:
+    path = process.state / "fdd.db"
+    path.rename(away := path.with_name("away.db"))
+    try:
+        yield
+    finally:
+        away.rename(path)
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """What is tried: `words` are of the line that `/api/health` must say meanwhile."""
+
+    tried: str
+    how: str
+    during: Callable[[Process], AbstractContextManager[None]]
+    words: str
+    own_disk: bool = False
+
+
+TROUBLES = (
+    Trouble("disk full", "A file fills the disk (a small tmpfs) that the state folder is on.", _full,
+            "disk is full", own_disk=True),
+    Trouble("quota reached", "No file of the process may grow beyond 64 KiB (RLIMIT_FSIZE), as with a quota.",
+            _no_growth, "cannot be read or written"),
+    Trouble("store locked", "Another program holds the store's lock.", _locked, "is locked"),
+    Trouble("store's file gone", "The store's file is moved away, and later back.", _renamed_file,
+            "file is gone"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one trouble.
+
+    `said`: by the service while it lasted. `sent`, `accepted`, `lost`: samples. `wrong`: what is not as it
+    should be; empty where all is.
+    """
+
+    tried: str
+    how: str
+    said: str
+    sent: int
+    accepted: int
+    lost: int
+    wrong: Sequence[str] = ()
+
+
+def leaking() -> Samples:
+    """A run of a shipped axis that leaks from its middle on, 1 kHz."""
+    leak = {"fault": "internal_leakage", "severity": 0.8, "onset": RUN_S / 2}
+    scenario = Scenario(duration=RUN_S, load={"name": "spring"}, faults=[leak], seed=5)
+    return simulate(Unit.load("axis_a"), scenario).samples
+
+
+def attempt(trouble: Trouble, run: Samples) -> Outcome:
+    """Try a trouble in a folder of its own, sending a run in lines over TCP."""
+    with ExitStack() as kept:
+        folder = Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="fdd-troubles-")))
+        if trouble.own_disk:
+            (folder / "state").mkdir()
+            subprocess.run(["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", folder / "state"], check=True)
+            kept.callback(lambda: subprocess.run(["umount", "-l", folder / "state"], check=True))
+        port, lines, ends = free_port(), [], [0]
+        for number, start in enumerate(range(0, len(run), ROWS)):
+            block = Block(AXIS, run.rows(start, start + ROWS), number, "", 0.0)
+            lines.append(encode_json(block) + b"\n")
+            ends.append(ends[-1] + len(block.samples))
+        process = Process(folder, [{"type": "tcp", "port": port}])
+        return _attempt(trouble, process, port, lines, ends)
+
+
+def _attempt(trouble: Trouble, process: Process, port: int, lines: list[bytes], ends: list[int]) -> Outcome:
+    """`ends`: samples in the first n `lines`."""
+    third, sent, wrong = len(lines) // 3, ends[-1], list[str]()
+    try:
+        process.start()
+        with socket.create_connection(("127.0.0.1", port), 10.0) as link:
+            link.settimeout(300.0)  # it waits where the service does not take more
+            link.sendall(b"".join(lines[:third]))
+            until(lambda: process.samples() >= ends[third], ARRIVED_S)
+            with trouble.during(process):
+                part = (b"".join(lines[third : 2 * third]),)
+                meanwhile = threading.Thread(target=link.sendall, args=part, daemon=True)
+                meanwhile.start()
+                until(process.problems, 20.0)
+                said, slowest = "; ".join(process.problems()) or "ok", 0.0
+                for path in ("/api/axes", "/api/alarms", "/metrics", "/"):
+                    begun = time.monotonic()
+                    if process.get(path) is None:
+                        wrong.append(f"{path} is not answered meanwhile")
+                    slowest = max(slowest, time.monotonic() - begun)
+                if trouble.words not in said:
+                    wrong.append(f"health should say {trouble.words!r}")
+                errors = process.metric("fdd_store_errors_total")
+                if process.popen.poll() is not None:
+                    wrong.append(f"it ended with status {process.popen.poll()}")
+            meanwhile.join(ARRIVED_S)
+            link.sendall(b"".join(lines[2 * third :]))
+            until(lambda: process.samples() >= sent, ARRIVED_S)
+            if not until(lambda: not process.problems(), 30.0):
+                wrong.append(f"afterwards health says {'; '.join(process.problems())!r}")
+            time.sleep(2.0)
+            accepted = process.samples()
+    finally:
+        process.kill()
+    said = f"{said}; {errors:.0f} store errors; slowest answer {slowest:.1f} s"
+    # What is there after a kill and another start.
+    process.start()
+    # What the journal has of an unfinished frame is counted once the axis is silent.
+    until(lambda: process.samples() >= accepted, 20.0)
+    found = process.samples()
+    if (status := process.end()) != 0:
+        wrong.append(f"SIGTERM ends it with status {status}")
+    findings, actions = process.told()
+    if [fault for fault, _ in findings] != ["internal_leakage"] or actions.count("RAISED") != 1:
+        wrong.append(f"findings {findings}, alarms {actions}")
+    if accepted != sent:
+        wrong.append(f"{sent - accepted} samples were never taken")
+    wrong += [f"its log: {line[:200]}" for line in process.lines("Traceback|internal error")]
+    said = said.replace(str(process.folder), "…")
+    return Outcome(trouble.tried, trouble.how, said, sent, accepted, accepted - found, wrong)
+
+
+def troubles(
+    out: OutOption = FOLDER,
+    only: Annotated[list[str] | None, typer.Option(metavar="NAME", help="This one; may be repeated.")] = None,
+) -> None:
+    """Try every trouble of the service itself, and report what was said and lost (Linux, some need root)."""
+    require_folder(out)
+    known = {t.tried for t in TROUBLES}
+    wanted = set(only or known)
+    if unknown := wanted - known:
+        raise InputError(f"no trouble {min(unknown)!r}", mend=f"give one of {', '.join(sorted(known))}")
+    without, outcomes = list[str](), list[Outcome]()
+    run, tried = leaking(), [t for t in TROUBLES if t.tried in wanted]
+    with progress("troubling the service", float(len(tried))) as advance:
+        for number, trouble in enumerate(tried, 1):
+            if trouble.own_disk and os.getuid() != 0:
+                without.append(trouble.tried)
+            else:
+                outcomes.append(attempt(trouble, run))
+            advance(float(number))
+    wrong = [o.tried for o in outcomes if o.wrong or o.lost]
+    told = "".join(f"; not {name}" for name in wrong)
+    print(f"{len(outcomes) - len(wrong)} of {len(outcomes)} as they should be{told}")
+    write_report(out / "troubles.md", report_text(outcomes, without))
+
+
+def report_text(outcomes: Sequence[Outcome], without: Sequence[str]) -> str:
+    """The report as Markdown."""
+    rows = [
+        [
+            o.tried, o.how, o.said, str(o.sent), str(o.accepted), str(o.lost),
+            f"WRONG: {'; '.join(o.wrong)}" if o.wrong or o.lost else "as it should be",
+        ]
+        for o in outcomes
+    ]  # fmt: skip
+    cells = [[" ".join(cell.split()).replace("|", "\\|") for cell in row] for row in rows]
+    head = ["tried", "how", "what the service said", "sent", "accepted", "lost", "verdict"]
+    lines = [
+        "# What troubles the service itself, and what is lost",
+        "",
+        f"{made_by('troubles')}. Each is tried on the real `fdd serve`: a run of a minute that leaks from "
+        "its middle on is sent, a third before the trouble, a third while it lasts, a third after it; then "
+        "the service is killed (SIGKILL) and started again. *Accepted* are the samples it had taken before "
+        "the kill, *lost* those of them that are not there after it. The leak must be found and its alarm "
+        "raised once, health must say what is wrong and then nothing, and page, API and metrics must "
+        "answer meanwhile.",
+        "",
+        *table(head, cells, "lllrrrl"),
+        *(f"Left out: {name} (needs root, to mount a small disk)." for name in without),
+    ]
+    return "\n".join(lines)

@@ -1,1 +1,0 @@
-"""What troubles the service itself, tried on the real process."""
