@@ -122,8 +122,11 @@ class Fluid:
     ambient: float
     nodes: int = 24
 
+    def log_density(self, pressure: Array) -> Array:
+        return self._terms(pressure)[0]
+
     def density(self, pressure: Array) -> Array:
-        return np.asarray(np.exp(self._terms(pressure)[0]))
+        return np.asarray(np.exp(self.log_density(pressure)))
 
     def _terms(self, pressure: Array) -> tuple[Array, Array, Array]:
         """ln ρ, -∂lnρ/∂a and -∂lnρ/∂T at a gauge pressure."""
@@ -291,10 +294,7 @@ def _axis(run: FineRun, axis: int, out: Energies) -> tuple[Array, Array]:
     out.supplied[name + "charging"] = charging * row[:, :, c.STORE_DENSITY] * h_store
 
     # Lost: friction.
-    wave = (par.ripple + row[:, :, c.RIPPLE]) * np.cos(par.teeth * (at(s.ANGLE) - at(s.GAP)))
-    swing = 1.0 + row[:, :, c.ECCENTRICITY] * np.cos(at(s.ANGLE))
-    displacement = par.displacement * row[:, :, c.DISPLACEMENT] * (1.0 + wave)
-    load = displacement * swing * find(s.PORT_DIFFERENCE)
+    load = _pump_torque(run, axis)
     turning = (par.rotary_viscous + par.pump_drag * row[:, :, c.DRAG]) * speed
     turning = turning + (par.rotary_coulomb + par.pump_friction * np.abs(load)) * speed / np.sqrt(
         1.0 + speed**2
@@ -329,23 +329,47 @@ def _axis(run: FineRun, axis: int, out: Energies) -> tuple[Array, Array]:
     case = find(s.CASE_PRESSURE)
     leak_a = mean * row[:, :, c.CASE_LEAKAGE_1] * (a_port - case)
     leak_b = mean * row[:, :, c.CASE_LEAKAGE_2] * (b_port - case)
+    dripping = leak_a + leak_b - _into_store(run, axis)
+    out.lost[name + "case drain"] = leak_a * g_a + leak_b * g_b - (leak_a + leak_b - dripping) * h_store
+    refeed_a, refeed_b = find(s.REFEED_FLOW_1), find(s.REFEED_FLOW_2)
+    out.lost[name + "refeeding"] = refeed_a * (h_store - g_a) + refeed_b * (h_store - g_b)
     outside_1, outside_2 = (
         rho * _outside(np.maximum(p, 0.0), row, k, par.orifice_transition)
         for k, rho, p in ((0, rho_1, p1), (1, rho_2, p2))
     )
-    # What drips past the shaft is what the chambers' own leaks leave of all that is lost.
-    drained = find(s.DRAIN_FLOW) - (find(s.OUTSIDE_FLOW) - outside_1 - outside_2)
-    out.lost[name + "case drain"] = leak_a * g_a + leak_b * g_b - drained * h_store
-    refeed_a, refeed_b = find(s.REFEED_FLOW_1), find(s.REFEED_FLOW_2)
-    out.lost[name + "refeeding"] = refeed_a * (h_store - g_a) + refeed_b * (h_store - g_b)
     out.lost[name + "outside"] = outside_1 * g_1 + outside_2 * g_2
     return g_a, g_b
 
 
+def _into_store(run: FineRun, axis: int) -> Array:
+    """Mass that the case's drain brings to the accumulator, from what the leak to the outside leaves."""
+    par, row = run.ready.parameters[axis], run.rows[:, axis][:, None, :]
+    drained, lost = run.finding(s.DRAIN_FLOW, axis), run.finding(s.OUTSIDE_FLOW, axis)
+    # What drips past the shaft is what the chambers' own leaks leave of all that is lost.
+    warm = run.at(s.TEMPERATURE, axis) - par.reference_temperature
+    oil = run.ready.units[axis].oil
+    chambers = 0.0 * warm
+    for k, (pressure, free) in enumerate(((s.P1, s.FREE_1), (s.P2, s.FREE_2))):
+        p = run.at(pressure, axis)
+        fluid = Fluid(oil, warm, run.at(free, axis), row[:, :, c.VAPOUR] + 0.0 * warm, par.ambient)
+        chambers = chambers + fluid.density(p) * _outside(np.maximum(p, 0.0), row, k, par.orifice_transition)
+    return drained - (lost - chambers)
+
+
 def _outside(pressure: Array, row: Array, side: int, transition: float) -> Array:
+    width = transition * row[:, :, c.TRANSITION]
     laminar = (row[:, :, c.OUTSIDE_1 + side] + row[:, :, c.OUTSIDE_OPENING_1 + side] * pressure) * pressure
-    at_1_mpa, width = row[:, :, c.OUTSIDE_ORIFICE_1 + side], transition * row[:, :, c.TRANSITION]
-    return np.asarray(laminar + at_1_mpa * 1e-3 * pressure / (pressure**2 + width**2) ** 0.25)
+    return np.asarray(laminar + _orifice(pressure, row[:, :, c.OUTSIDE_ORIFICE_1 + side], width))
+
+
+def _pump_torque(run: FineRun, axis: int) -> Array:
+    """D·Δp of the pump as it is, N·m."""
+    par, row = run.ready.parameters[axis], run.rows[:, axis][:, None, :]
+    angle, gap = run.at(s.ANGLE, axis), run.at(s.GAP, axis)
+    wave = (par.ripple + row[:, :, c.RIPPLE]) * np.cos(par.teeth * (angle - gap))
+    swing = 1.0 + row[:, :, c.ECCENTRICITY] * np.cos(angle)
+    displacement = par.displacement * row[:, :, c.DISPLACEMENT] * (1.0 + wave)
+    return np.asarray(displacement * swing * run.finding(s.PORT_DIFFERENCE, axis))
 
 
 def _accumulator(run: FineRun, axis: int, out: Energies, name: str) -> None:
@@ -365,3 +389,7 @@ def _accumulator(run: FineRun, axis: int, out: Energies, name: str) -> None:
     warmer = run.at(s.TEMPERATURE, axis) - par.surroundings
     shell = 1.0 + par.gas_warming * warmer
     out.supplied[name + "shell's heat"] = rest / 0.4 * par.gas_rate * (shell - heat)
+
+
+def _orifice(drop: Array, flow_at_1_mpa: Array | float, transition: Array | float) -> Array:
+    return np.asarray(flow_at_1_mpa * 1e-3 * drop / (drop**2 + transition**2) ** 0.25)

@@ -1,4 +1,4 @@
-"""How fast and how exact the plant is: over real time, beside SciPy's Radau, and with shorter steps.
+"""How fast and how exact the plant is: over real time, beside SciPy's solvers, and with shorter steps.
 
 SciPy's solvers get the plant's own compiled right-hand side through a thin wrapper, with commands and
 conditions held as there; a solver starts anew wherever a command arrives, as any solver must.
@@ -11,6 +11,7 @@ of the true quantities, before any sensor.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
 
@@ -29,7 +30,12 @@ from reports.plant.cases import Case
 Array = NDArray[np.float64]
 
 METHODS = ("RK45", "LSODA", "Radau")
-"""Peers of the plant's own integrator, timed by ``pytest tests/benchmarks --benchmark-enable -k peer``."""
+REFERENCE_REFINEMENT = 64.0
+REFINEMENTS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+PEER_TOLERANCES = ((1e-3, 1e4), (1e-5, 1e2), (1e-7, 1.0), (1e-9, 1e-2))
+"""Relative tolerance, and absolute ones over the plant's own."""
+_STAGES = 6
+"""Evaluations of the right-hand side in a step: the seventh is the next one's first."""
 
 
 def integrate(
@@ -70,6 +76,13 @@ def integrate(
     return states, evaluations
 
 
+def timed(run: Callable[[], object]) -> float:
+    """s of processor time."""
+    began = time.process_time()
+    run()
+    return time.process_time() - began
+
+
 @dataclass(frozen=True)
 class RealTime:
     """Simulated over processor time of a case, sensors and truth included, and steps for each millisecond."""
@@ -81,14 +94,65 @@ class RealTime:
 
 def real_time(case: Case, duration: float, repeats: int) -> RealTime:
     """Measure a case of `duration` s: medians of repeated runs, on one core, after everything is compiled."""
-    scenario, ready, costs = case.scenario(duration, whole=False), case.prepared(duration), []
-    for _ in range(repeats + 1):
-        began = time.process_time()
-        simulate(case.unit, scenario, partner=case.partner)
-        costs.append(time.process_time() - began)
+    scenario = case.scenario(duration, whole=False)
+    run = lambda: simulate(case.unit, scenario, partner=case.partner)  # noqa: E731
+    run()
+    ready = case.prepared(duration)
     for _ in raw_blocks(ready):
         pass
-    return RealTime(case.name, duration / median(costs[1:]), float(ready.memory[STEPS]) / scenario.rows)
+    steps = float(ready.memory[STEPS]) / scenario.rows
+    return RealTime(case.name, duration / median(timed(run) for _ in range(repeats)), steps)
+
+
+@dataclass(frozen=True)
+class Work:
+    """One point of error over work: rms errors (m, Pa) against the reference, and for each second simulated
+    the processor time (s) and evaluations of the right-hand side."""
+
+    solver: str
+    setting: str
+    position: float
+    pressure: float
+    cpu: float
+    evaluations: float
+
+
+def work_precision(case: Case, duration: float, repeats: int) -> tuple[list[Work], float]:
+    """Error over work of the plant's integrator and of peers on the same equations.
+
+    The case's commands do not hang on its states, so that all solve the same problem. The median of the
+    repeats counts; the peers have three at most.
+
+    Gives points, and the rms of the pressure difference (Pa) between the reference and the tightest Radau:
+    how far the reference is to be trusted.
+    """
+    reference, commands = case.states(duration, REFERENCE_REFINEMENT)
+
+    def point(solver: str, setting: str, times: int, run: Callable[[], tuple[Array, float]]) -> Work | None:
+        costs, found = [], []
+        for _ in range(times):
+            costs.append(timed(lambda: found.append(run())))
+        states, evaluations = found[-1]
+        if states.shape[0] < commands.shape[0]:
+            return None
+        off = states - reference
+        drop = off[:, s.SHARED + s.P1] - off[:, s.SHARED + s.P2]
+        position, pressure = (float(np.sqrt(np.mean(x**2))) for x in (off[:, s.X], drop))
+        return Work(solver, setting, position, pressure, median(costs) / duration, evaluations / duration)
+
+    def own(refine: float) -> tuple[Array, float]:
+        ready = case.prepared(duration, refine)
+        states = next(iter(raw_blocks(ready, block=reference.shape[0]))).states
+        return states, float(ready.memory[STEPS]) * _STAGES
+
+    points = [point("this plant", f"refine {r:g}", repeats, lambda r=r: own(r)) for r in REFINEMENTS]  # type: ignore[misc]
+    for method in METHODS:
+        integrate(case, commands[:20], method, 1e-3, 1.0, 0.02)  # what is loaded late is not its work
+        for rtol, factor in PEER_TOLERANCES:
+            run = lambda m=method, r=rtol, f=factor: integrate(case, commands, m, r, f, duration)  # noqa: E731
+            points.append(point(f"SciPy {method}", f"rtol {rtol:g}", min(repeats, 3), run))
+    done = [p for p in points if p is not None]
+    return done, next((p.pressure for p in reversed(done) if p.solver == "SciPy Radau"), np.nan)
 
 
 def unseen(unit: Unit, channel: str) -> float:

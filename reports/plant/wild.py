@@ -95,47 +95,62 @@ def _scenario(
     second: dict[str, Any] = {}
     if dual:
         drive = str(rng.choice(["same", "still", "own"]))
-        own = None
-        if drive == "own":
-            own = {"name": "prbs", "speed": float(rng.uniform(20, 200)), "bit": 0.2}
-        partner = {"drive": drive, "duty": own, "power": _power(rng), "circuit": _circuit(rng, True)}
-        second = {
-            "partner": partner, "accumulator": str(rng.choice(["shared", "each"])),
-            "connect": {line: _opening(rng, 0.4) for line in ("line_1", "line_2")},
-        }  # fmt: skip
-    kind = LOADS[str(rng.choice(list(LOADS)))]
-    load: Any = kind(**{name: float(rng.uniform(*bounds)) for name, bounds in kind.usual.items()})
-    oil, warming, charge, ambient = (
-        float(rng.uniform(*bounds)) for bounds in ((-20.0, 110.0), (-0.5, 0.5), (0.3, 2.5), (2e4, 1.1e5))
-    )
+        second["partner"] = {
+            "drive": drive,
+            "duty": {"name": "prbs", "speed": float(rng.uniform(20, 200)), "bit": 0.2}
+            if drive == "own"
+            else None,
+            "power": _power(rng),
+            "circuit": _circuit(rng, may_block=True),
+        }
+        second["accumulator"] = str(rng.choice(["shared", "each"]))
+        second["connect"] = {line: _opening(rng, 0.4) for line in ("line_1", "line_2")}
     return Scenario(
-        unit=unit.name, duration=duration, duty=duty, control=control, load=load, oil_temperature=oil,
-        warming=warming, charge_factor=charge, ambient=ambient, faults=_faults(rng, duration, dual),
-        power=_power(rng), circuit=_circuit(rng, dual and rng.random() < 0.3), details=details,
-        seed=int(rng.integers(0, 2**62)), **second,
-    )  # fmt: skip
+        unit=unit.name,
+        duration=duration,
+        duty=duty,
+        control=control,
+        load=_load(rng),
+        oil_temperature=float(rng.uniform(-20.0, 110.0)),
+        warming=float(rng.uniform(-0.5, 0.5)),
+        charge_factor=float(rng.uniform(0.3, 2.5)),
+        ambient=float(rng.uniform(2e4, 1.1e5)),
+        faults=_faults(rng, duration, dual),
+        power=_power(rng),
+        circuit=_circuit(rng, may_block=dual and rng.random() < 0.3),
+        details=details,
+        seed=int(rng.integers(0, 2**62)),
+        **second,
+    )
 
 
-def _faults(rng: np.random.Generator, duration: float, dual: bool) -> list[Any]:
+def _load(rng: np.random.Generator) -> Any:
+    kind = LOADS[str(rng.choice(list(LOADS)))]
+    return kind(**{name: float(rng.uniform(*bounds)) for name, bounds in kind.usual.items()})
+
+
+def _faults(rng: np.random.Generator, duration: float, dual: bool) -> list[dict[str, Any]]:
     """None, one, some or all of the plant's faults, on any axis."""
     names = list(PLANT_FAULTS)
     count = int(rng.choice([0, 1, 1, 1, 2, 3, 5, len(names)]))
     found = []
     for name in rng.permutation(names)[:count]:
         entry = CATALOGUE[str(name)]
-        found.append({
-            "fault": str(name),
-            "severity": 1.0 if rng.random() < 0.3 else float(rng.uniform(0.0, 1.0)),
-            "onset": float(rng.uniform(0.0, 0.7) * duration) if rng.random() < 0.7 else 0.0,
-            "profile": str(rng.choice(PROFILES)),
-            "seed": int(rng.integers(0, 1000)),
-            "ramp": float(rng.uniform(0.05, 3.0)),
-            "period": float(rng.uniform(0.1, 2.0)),
-            "side": int(rng.choice(entry.sides)) if entry.sides else None,
-            "variant": str(rng.choice(entry.variants)) if entry.variants else None,
-            "law": str(rng.choice(list(entry.laws))) if entry.laws else None,
-            "axis": int(rng.integers(1, 3)) if dual else 1,
-        })  # fmt: skip
+        found.append(
+            {
+                "fault": str(name),
+                "severity": 1.0 if rng.random() < 0.3 else float(rng.uniform(0.0, 1.0)),
+                "onset": float(rng.uniform(0.0, 0.7) * duration) if rng.random() < 0.7 else 0.0,
+                "profile": str(rng.choice(PROFILES)),
+                "seed": int(rng.integers(0, 1000)),
+                "ramp": float(rng.uniform(0.05, 3.0)),
+                "period": float(rng.uniform(0.1, 2.0)),
+                "side": int(rng.choice(entry.sides)) if entry.sides else None,
+                "variant": str(rng.choice(entry.variants)) if entry.variants else None,
+                "law": str(rng.choice(list(entry.laws))) if entry.laws else None,
+                "axis": int(rng.integers(1, 3)) if dual else 1,
+            }
+        )
     return found
 
 
@@ -154,7 +169,7 @@ def _power(rng: np.random.Generator) -> Any:
     return [1.0, 1.0, 1.0, 0.0, [[0.0, 1.0], [1.5, 1.0], [1.501, 0.0]], 0.3][int(rng.integers(0, 6))]
 
 
-def _circuit(rng: np.random.Generator, may_block: bool) -> dict[str, Any]:
+def _circuit(rng: np.random.Generator, *, may_block: bool) -> dict[str, Any]:
     accumulators = {"gas_charge": float(rng.uniform(5e4, 9e5)), "valve_flow": float(rng.uniform(1e-6, 1e-4))}
     return {
         "blocked": bool(may_block and rng.random() < 0.5),
@@ -192,11 +207,6 @@ class Outcome:
     steps: float = np.nan
     refused: int = 0
 
-    @property
-    def stop_mm(self) -> float:
-        """mm that the piston went into a stop, or 0."""
-        return max(1e3 * self.beyond_stop, 0.0)
-
 
 def try_wild(seed: int, duration: float = 4.0) -> Outcome:
     """Run one wild scenario and check it."""
@@ -213,52 +223,67 @@ def _checked(seed: int, wild: Wild, ready: Prepared, raw: RawBlock) -> Outcome:
     failures = []
     if not (np.isfinite(raw.states).all() and np.isfinite(raw.found).all()):
         return Outcome(seed, ["NaN"], refused=wild.refused)
-    par, axes = ready.parameters[0], range(ready.axes)
-    each = [raw.states[:, s.SHARED + axis * s.AXIS_STATES :] for axis in axes]
-    lowest = float(min(own[:, [s.P1, s.P2, s.LINE_1, s.LINE_2]].min() for own in each) + par.ambient)
+    par, ambient = ready.parameters[0], ready.parameters[0].ambient
+    pressures = np.stack(
+        [
+            raw.states[:, s.SHARED + axis * s.AXIS_STATES + p]
+            for axis in range(ready.axes)
+            for p in (s.P1, s.P2, s.LINE_1, s.LINE_2)
+        ]
+    )
+    lowest = float(pressures.min() + ambient)
     if lowest <= 0.0:
         failures.append(f"absolute pressure {lowest:.0f} Pa")
     beyond = float(np.abs(raw.states[:, s.X]).max() - par.half_stroke)
     if beyond > GIVE:
         failures.append(f"{beyond * 1e3:.2f} mm beyond the stop")
-    mass = np.sum([raw.found[:, axis * s.FINDINGS + s.OIL_MASS] for axis in axes], axis=0)
-    drift = float(np.abs(mass / mass[0] - 1.0).max())
+    mass = sum(raw.found[:, axis * s.FINDINGS + s.OIL_MASS] for axis in range(ready.axes))
+    drift = float(np.abs(mass / np.asarray(mass)[0] - 1.0).max())
     if drift > 1e-6:
         failures.append(f"oil changed by {drift:.1e}")
     gap = energy_gap(wild)
     if gap > ENERGY:
         failures.append(f"energy changed by {gap:.1e}")
-    # The speed that its command or the oil of pistons and the other pump explain, of the fastest motor.
-    fastest = [float(np.abs(own[:, s.SPEED]).max()) for own in each]
-    worst = int(np.argmax(fastest))
-    motor, flow = (
-        ready.parameters[worst],
-        ready.parameters[worst].area_1 * float(np.abs(raw.states[:, s.V]).max()),
-    )
-    if ready.axes > 1:
-        flow += ready.parameters[1 - worst].displacement * fastest[1 - worst]
-    most = 1.3 * max(motor.max_speed, flow / motor.displacement)
-    if fastest[worst] > most:
-        failures.append(f"motor at {fastest[worst]:.0f} rad/s, explained {most:.0f} rad/s")
+    speed, most = _motor_speed(ready, raw)
+    if speed > most:
+        failures.append(f"motor at {speed:.0f} rad/s, explained {most:.0f} rad/s")
     steps = float(ready.memory[STEPS]) / raw.states.shape[0]
     return Outcome(seed, failures, lowest, beyond, drift, gap, steps, wild.refused)
 
 
 def energy_gap(wild: Wild, duration: float = 0.4) -> float:
     """Energy made or lost in the run's first part, over all that went through (`reports.plant.energies`)."""
-    unit, partner = (
-        each and each.model_copy(update={"drive": each.drive.model_copy(update={"delay": PERIOD})})
-        for each in (wild.unit, wild.partner)
-    )
-    assert unit is not None
+    units = [each and _with_whole_delay(each) for each in (wild.unit, wild.partner)]
     faults = [spec for spec in wild.scenario.faults if spec.onset < duration]
     scenario = wild.scenario.model_copy(update={"duration": duration, "faults": faults})
+    assert units[0] is not None
+    share = np.inf
     for nodes in (12, 40):
         # Corners of friction and valves within a millisecond are what the fewer nodes miss.
-        run = fine_run(unit, scenario, partner=partner, nodes=nodes)
+        run = fine_run(units[0], scenario, partner=units[1], nodes=nodes)
         gap, through = energies(run).gap(run)
         # A run in which hardly anything moves is judged by a joule.
         share = gap / max(through, 1.0)
         if share <= ENERGY:
             break
     return share
+
+
+def _with_whole_delay(unit: Unit) -> Unit:
+    return unit.model_copy(update={"drive": unit.drive.model_copy(update={"delay": PERIOD})})
+
+
+def _motor_speed(ready: Prepared, raw: RawBlock) -> tuple[float, float]:
+    """Fastest motor, and the speed that its command or the oil of pistons and the other pump explain."""
+    v = float(np.abs(raw.states[:, s.V]).max())
+    fastest = [
+        float(np.abs(raw.states[:, s.SHARED + axis * s.AXIS_STATES + s.SPEED]).max())
+        for axis in range(ready.axes)
+    ]
+    worst = int(np.argmax(fastest))
+    par = ready.parameters[worst]
+    flow = par.area_1 * v
+    if ready.axes > 1:
+        other = 1 - worst
+        flow += ready.parameters[other].displacement * fastest[other]
+    return fastest[worst], 1.3 * max(par.max_speed, flow / par.displacement)

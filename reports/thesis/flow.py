@@ -1,20 +1,24 @@
-"""Chapter 5 without friction: hydraulic gain, leakage and bulk modulus."""
+"""Chapter 5 without friction: hydraulic gain, leakage, bulk modulus and the hydraulic transfer function."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
+from fdd.identification.experiments.response import Coefficients, from_profile
 from fdd.measures import ATMOSPHERE_PA
 from fdd.plant.details import Details
 from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.residuals.oil import air_compliance
 from fdd.unit import Oil, Unit
+from reports.thesis.frequency_response import TransferFunction
 from reports.thesis.runs import (
     PERIOD,
+    THOUSAND_RPM,
     VOLT,
-    Array,
     Figures,
     changed,
     hydraulic_gain,
@@ -23,8 +27,8 @@ from reports.thesis.runs import (
 )
 from reports.writing import Panel
 
-THOUSAND_RPM = 104.7
-"""Pump speed of section 5.2 (rad/s)."""
+Array = NDArray[np.float64]
+
 IMPLIED_DISPLACEMENT = 5.50e-7
 """m³/rad: what the thesis's 3.62e-4 m/rad, and its flow of 5.76e-5 m³/s at 104.7 rad/s, come from."""
 SPEEDS = VOLT * np.array([-10.0, -8.0, -6.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0])
@@ -40,10 +44,15 @@ _SHARES = (0.0, 0.045, 0.15)
 _THROTTLES = (0.1e6, 0.4e6, 0.9e6, 1.6e6, 2.5e6, 3.5e6, 4.5e6, 6.0e6, 7.4e6)
 _START, _END, _WINDOW, _LONGEST = -0.130, 0.130, 0.4, 16.0
 
+BULK_MODULUS = 2.10e8
+"""Pa, section 5.4, from Chinniah et al."""
 CHARGES = (0.57, 0.7, 0.85, 1.0, 1.2, 1.43)
 """Charge over the unit's: 275 to 689 kPa."""
 MORE_AIR = 0.2
 """Severity of the aeration fault for the second curve."""
+
+VISCOUS = 800.0
+"""N·s/m, for the check with damping."""
 
 
 def speeds_of(unit: Unit, seed: int) -> tuple[Array, Array]:
@@ -51,15 +60,16 @@ def speeds_of(unit: Unit, seed: int) -> tuple[Array, Array]:
 
     Slopes of the two encoders over the second half of each stroke.
     """
-    found = []
+    pump, actuator = [], []
     for i, speed in enumerate(SPEEDS):
-        n = round(min(_TRAVEL / (abs(speed) * hydraulic_gain(unit)), 4.0) / PERIOD)
+        expected = abs(speed) * unit.pump.displacement / unit.cylinder.area_1
+        n = round(min(_TRAVEL / expected, 4.0) / PERIOD)
         command = np.concatenate([np.zeros(100), np.full(n, speed)])
         log = run_speed(unit, command, start=-0.5 * _TRAVEL * np.sign(speed), seed=seed + i).samples
         half = slice(100 + n // 2, None)
-        found.append([np.polyfit(log.time[half], log[c][half], 1)[0] for c in ("pump_angle", "position")])
-    pump, actuator = np.array(found).T
-    return pump, actuator
+        pump.append(np.polyfit(log.time[half], log["pump_angle"][half], 1)[0])
+        actuator.append(np.polyfit(log.time[half], log["position"][half], 1)[0])
+    return np.array(pump), np.array(actuator)
 
 
 def gain(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
@@ -126,23 +136,26 @@ def leakage(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     """Section 5.2: leakage over pressure, strokes at 1000 rpm against the throttled partner."""
     pairs = {"A": (axis_a, axis_b), "B": (axis_b, axis_a)}
     trials = {name: [strokes(*pair, seed + 100 * k) for k in range(TRIALS)] for name, pair in pairs.items()}
+    slopes = {name: np.array([t.slope for t in found]) for name, found in trials.items()}
     shares = []
     for share in _SHARES:
         a, b = (strokes(with_case_share(u, share), other, seed) for u, other in pairs.values())
         shares.append((share, a.slope, b.slope, a.flow_at(END_PRESSURE)))
     flow = float(np.mean([t.flow_at(END_PRESSURE) for t in trials["A"]]))
     demanded = axis_a.pump.displacement * THOUSAND_RPM
-    line, curves = np.array([0.0, 1e-6 * END_PRESSURE]), []
-    for name, colour in (("A", "C0"), ("B", "C1")):
-        curves += [
-            (1e-6 * t.pressure, 1e5 * t.leak, f"{colour}o", None if k else f"plant, axis {name}")
-            for k, t in enumerate(trials[name])
-        ]
-        curves.append((line, 1e11 * SLOPES[name] * line, f"{colour}--", f"thesis, axis {name}"))
+    line = np.array([0.0, 1e-6 * END_PRESSURE])
+    curves = [
+        (1e-6 * t.pressure, 1e5 * t.leak, style, f"plant, axis {name}" if k == 0 else None)
+        for name, style in (("A", "C0o"), ("B", "C1o"))
+        for k, t in enumerate(trials[name])
+    ] + [
+        (line, 1e11 * SLOPES[name] * line, style, f"thesis, axis {name}")
+        for name, style in (("A", "C0--"), ("B", "C1--"))
+    ]
     axes = {"xlabel": "pressure difference (MPa)", "ylabel": "leak flow (10⁻⁵ m³/s)"}
     return {
         "pumps": {name: unit.pump for name, (unit, _) in pairs.items()},
-        "slopes": {name: np.array([t.slope for t in found]) for name, found in trials.items()},
+        "slopes": slopes,
         "shares": shares,
         "flow": flow,
         "demanded": demanded,
@@ -163,8 +176,11 @@ def pressurise(unit: Unit, charge: float, seed: int, air: float = 0.0) -> tuple[
     still = Details(pump_ripple=0.0)
     log = run_speed(unit, speed, charge_factor=charge, faults=faults, details=still, seed=seed).samples
     lost = unit.pump.total_leakage * np.cumsum(log["pressure_1"] - log["pressure_2"]) * PERIOD
-    moved = unit.cylinder.area_1 * (log["position"] - log["position"][0])
-    went_in = unit.pump.displacement * log["pump_angle"] - moved - lost
+    went_in = (
+        unit.pump.displacement * log["pump_angle"]
+        - unit.cylinder.area_1 * (log["position"] - log["position"][0])
+        - lost
+    )
     rising = slice(120, None)
     slope = float(np.polyfit(went_in[rising], log["pressure_1"][rising], 1)[0])
     return float(np.mean(log["pressure_1"][rising])), unit.cylinder.volume_1 * slope
@@ -176,9 +192,15 @@ def equation_5_20(oil: Oil, stiff: float, air: float, pressure: Array) -> Array:
     `stiff`: Pa, bulk modulus β0 of the oil alone. `air`: δ, volume of air at atmospheric pressure over that
     of oil. `pressure`: (…) Pa, gauge.
     """
-    absolute, m = pressure + ATMOSPHERE_PA, oil.polytropic_index
+    absolute = pressure + ATMOSPHERE_PA
+    m = oil.polytropic_index
     ratio = (absolute / ATMOSPHERE_PA) ** (1.0 / m)
     return np.asarray((ratio + air) / (air * stiff / (m * absolute) + ratio) * stiff)
+
+
+def equation_5_21(stiff: float, air: float, pressure: Array) -> Array:
+    """Eq. 5.21, (…) Pa: air that keeps its volume fraction whatever the pressure."""
+    return np.asarray(1.0 / ((1.0 - air) / stiff + air / (1.4 * (pressure + ATMOSPHERE_PA))))
 
 
 def bulk_modulus(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
@@ -192,6 +214,17 @@ def bulk_modulus(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     air = oil.air_fraction * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
     stiff = 1.0 / (1.0 / oil.bulk_modulus - air)
     law = equation_5_20(oil, stiff, oil.air_fraction, points[:, 0])
+    fine = np.linspace(0.0, 1.5e6, 300)
+    curves = []
+    for fraction, found, colour in ((oil.air_fraction, points, "C0"), (airier, airy, "C1")):
+        label = f"{100 * fraction:.1f} % air"
+        of_air, other = equation_5_20(oil, stiff, fraction, fine), equation_5_21(stiff, fraction, fine)
+        curves += [
+            (1e-3 * found[:, 0], 1e-6 * found[:, 1], f"{colour}o", f"plant, {label}"),
+            (1e-3 * fine, 1e-6 * of_air, f"{colour}-", f"eq. 5.20, {label}"),
+            (1e-3 * fine, 1e-6 * other, f"{colour}:", f"eq. 5.21, {label}"),
+        ]
+    axes = {"xlabel": "static pressure (kPa)", "ylabel": "effective bulk modulus (MPa)", "ylim": (0, 260)}
     return {
         "at_reference": float(np.interp(oil.reference_pressure, points[:, 0], points[:, 1])),
         "air": oil.air_fraction,
@@ -199,4 +232,52 @@ def bulk_modulus(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
         "law_airy": float(np.mean(equation_5_20(oil, stiff, airier, airy[:, 0]))),
         "airy": float(np.mean(airy[:, 1])),
         "worst": float(np.max(np.abs(points[:, 1] / law - 1.0))),
+        "picture": [Panel(curves, axes, at_y={1e-6 * BULK_MODULUS: "thesis: 210 MPa"})],
     }
+
+
+def small_motion(unit: Unit, viscous: float, seed: int) -> tuple[Array, Array]:
+    """Pump speed (rad/s) and velocity (m/s), (n,), of a small step with viscous friction alone.
+
+    So small that neither refeeding valve opens: then both chambers work, as eq. 5.22 has it.
+    """
+    linear = unit.model_copy(deep=True)
+    for branch in (linear.friction.forward, linear.friction.reverse):
+        branch.coulomb = branch.static = 0.0
+        branch.viscous = viscous
+    # Valves that open sharply: at its usual width a closed one still passes half as much as the pump leaks.
+    # And air that is only compressed, as eq. 5.22 has it: what dissolves and comes out again damps as well.
+    details = Details(
+        pump_ripple=0.0, pump_coulomb_torque=0.0, seal_damping=0.0, check_width=200.0, air_law="free"
+    )
+    command = np.concatenate([np.zeros(100), np.full(600, 10.0)])
+    truth = run_speed(linear, command, details=details, seed=seed).truth
+    return truth["pump_speed"], truth["velocity"]
+
+
+def fit_second_order(pump_speed: Array, velocity: Array, start: Coefficients) -> Coefficients:
+    """Coefficients whose response to the pump speed comes nearest to the velocity, both (n,) from rest."""
+
+    def off(theta: Array) -> Array:
+        model = TransferFunction((theta[0],), (1.0, theta[1], theta[2]), 0.0)
+        return np.asarray((model.simulate(pump_speed, PERIOD) - velocity) / velocity.std())
+
+    guess = np.array([start.numerator, max(start.damping, 1.0), start.stiffness])
+    return Coefficients(*(float(x) for x in least_squares(off, guess, x_scale=guess, xtol=1e-12).x))
+
+
+def transfer_function(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+    """Eqs 5.22 to 5.26: recompute the printed coefficients, and find them again in the plant's motion."""
+    out = {}
+    for name, unit in (("A", axis_a), ("B", axis_b)):
+        free, damped = (from_profile(unit, b) for b in (0.0, VISCOUS))
+        in_plant = fit_second_order(*small_motion(unit, 0.0, seed), free)
+        plant_damped = fit_second_order(*small_motion(unit, VISCOUS, seed), damped)
+        out[name] = {
+            "free": free,
+            "plant": in_plant,
+            "plant_damped": plant_damped,
+            "leakage_stiffness": (damped.stiffness - free.stiffness) / VISCOUS,
+            "slope": (plant_damped.stiffness - in_plant.stiffness) / VISCOUS,
+        }
+    return out

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.optimize import least_squares
-from scipy.signal import butter, cont2discrete, fftconvolve, lfilter, sosfiltfilt
+from scipy.signal import butter, fftconvolve, lfilter, sosfiltfilt
 
 from fdd.identification.experiments.spectra import half_power_frequency
 
@@ -54,10 +55,60 @@ class TransferFunction:
 
     def simulate(self, given: Array, period: float) -> Array:
         """Response, (n,), to an input that runs straight from sample to sample (`period` s), from rest."""
-        top, bottom, _ = cont2discrete((self.numerator, self.denominator), period, method="foh")
+        numerator, denominator = sampled(np.array(self.numerator), np.array(self.denominator), period)
         late = round(self.delay / period)
         held = np.concatenate([np.zeros(late), given[: given.size - late]])
-        return np.asarray(lfilter(np.ravel(top), bottom, held))
+        return np.asarray(lfilter(numerator, denominator, held))
+
+
+def sampled(numerator: Array, denominator: Array, period: float) -> tuple[Array, Array]:
+    """Discrete transfer function of a strictly proper continuous one, exact for piecewise straight inputs.
+
+    Franklin, Powell and Workman's triangle hold, as `scipy.signal.cont2discrete` has it under ``foh``, which
+    takes twenty times as long: too long for a fit.
+
+    Coefficients have the highest power first; returned are those in powers of 1/z, one more than poles each.
+    """
+    n = denominator.size - 1
+    lead = denominator[0]
+    out = np.zeros(n)
+    out[n - numerator.size :] = numerator / lead
+    block = np.zeros((n + 2, n + 2))
+    block[0, :n] = -denominator[1:] / lead * period
+    block[1:n, : n - 1] = np.eye(n - 1) * period
+    block[0, n] = period
+    block[n, n + 1] = 1.0
+    grown = expm(block)
+    state, first, second = grown[:n, :n], grown[:n, n], grown[:n, n + 1]
+    entering = first + state @ second - second
+    straight = float(out @ second)
+    bottom = np.real(np.poly(state))
+    top = np.real(np.poly(state - np.outer(entering, out))) + (straight - 1.0) * bottom
+    return np.asarray(top), np.asarray(bottom)
+
+
+def empirical_response(
+    given: Array, caused: Array, period: float, width_hz: float = 2.0
+) -> tuple[Array, ComplexArray]:
+    """The thesis's estimate (ETFE): output's transform over input's, smoothed by a Hamming window.
+
+    Cross and own spectrum are averaged over the window before the division (Ljung, System Identification, 2nd
+    ed., eq. 6.46).
+
+    Parameters
+    ----------
+    given, caused : (n,) input and output. period : s. width_hz : of the window.
+
+    Returns
+    -------
+    frequency (n // 2 + 1,) in Hz and response (n // 2 + 1,).
+    """
+    u, y = np.fft.rfft(given - given.mean()), np.fft.rfft(caused - caused.mean())
+    window = np.hamming(max(round(width_hz * given.size * period), 1) | 1)
+    powers = np.array([u, y]) * np.conj(u)
+    own, cross = np.asarray(fftconvolve(powers, window[None, :], mode="same", axes=1), dtype=np.complex128)
+    frequency = np.asarray(np.fft.rfftfreq(given.size, period), dtype=np.float64)
+    return frequency, np.asarray(cross / np.maximum(own.real, 1e-12 * own.real.max()))
 
 
 def velocity(position: Array, period: float, cutoff_hz: float = 150.0) -> Array:
@@ -71,14 +122,19 @@ def velocity(position: Array, period: float, cutoff_hz: float = 150.0) -> Array:
     return np.asarray(sosfiltfilt(sections, np.gradient(position, period)))
 
 
-def held_input(command: Array, period: float) -> Array:
-    """What `velocity` makes of a command that is held over each period: the input beside that output, (n,).
+def held_input(command: Array, period: float, cutoff_hz: float = 150.0) -> Array:
+    """What `velocity` makes of a command that is held over each period: the input beside that output.
 
     The held command's integral runs straight from sample to sample; differenced and filtered as the output
     is, it differs from the output by the system alone, exactly. The bare command would lay the filter, the
     differences' own fall-off and half a sample of delay to the system.
+
+    `command`: (n,) per second. `period`, `cutoff_hz`: as in `velocity`.
+
+    Gives (n,) per second.
     """
-    return velocity(np.concatenate([[0.0], np.cumsum(command[:-1]) * period]), period)
+    integral = np.concatenate([[0.0], np.cumsum(command[:-1]) * period])
+    return velocity(integral, period, cutoff_hz)
 
 
 def windowed_response(
@@ -104,9 +160,9 @@ def windowed_response(
 
 
 def response_at(given: Array, caused: Array, period: float, frequency: float) -> complex:
-    """Response at one frequency (Hz): ratio of the fundamentals, fitted together with a mean and a trend.
+    """Response at one frequency: ratio of the fundamentals, fitted together with a mean and a trend.
 
-    `given`, `caused`: (n,) input and output, several periods of a sine. `period`: s.
+    `given`, `caused`: (n,) input and output, several periods of a sine. `period`: s. `frequency`: Hz.
     """
     time = np.arange(given.size) * period
     phase = 2.0 * np.pi * frequency * time
@@ -116,7 +172,14 @@ def response_at(given: Array, caused: Array, period: float, frequency: float) ->
 
 
 def fit_output_error(
-    given: Array, caused: Array, period: float, *, zeros: int, poles: int, delay: float
+    given: Array,
+    caused: Array,
+    period: float,
+    *,
+    zeros: int,
+    poles: int,
+    delay: float,
+    highest_hz: float = 60.0,
 ) -> tuple[TransferFunction, float]:
     """Continuous transfer function whose own response to the input comes nearest to the output.
 
@@ -125,11 +188,11 @@ def fit_output_error(
 
     `given`, `caused`: (n,) input (see `held_input`) and output, as departures from where they rest at the
     start. `period`: s. `zeros`, `poles`: orders of numerator and denominator. `delay`: s, a whole number of
-    periods.
+    periods. `highest_hz`: up to which the first guess looks at the response.
 
     Gives the model, and its fit: 1 for all of the output explained, 0 for no better than the mean.
     """
-    size = float(np.std(caused))
+    start = _rational_guess(given, caused, period, zeros, poles, delay, highest_hz)
 
     def model(theta: Array) -> TransferFunction:
         # Powers of s/100 carry the coefficients back to s in 1/s; poles on the wrong side are turned over.
@@ -140,26 +203,35 @@ def fit_output_error(
         numerator = theta[poles:] / scale[poles - zeros :] * scale[0]
         return TransferFunction(tuple(numerator.tolist()), tuple(denominator.tolist()), delay)
 
+    size = float(np.std(caused))
+
     def error(theta: Array) -> Array:
         return np.asarray((model(theta).simulate(given, period) - caused) / size)
 
-    start = _rational_guess(*windowed_response(given, caused, period), zeros, poles, delay)
     solved = least_squares(error, start, method="lm", x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=300)
-    fit = 1.0 - float(np.linalg.norm(solved.fun) * size / np.linalg.norm(caused - caused.mean()))
+    left = solved.fun * size
+    fit = 1.0 - float(np.linalg.norm(left) / np.linalg.norm(caused - caused.mean()))
     return model(solved.x), fit
 
 
-def _rational_guess(frequency: Array, response: ComplexArray, zeros: int, poles: int, delay: float) -> Array:
-    """Denominator below its leading 1, then numerator, in powers of s/100, by the response up to 60 Hz."""
-    used = (frequency > 0.2) & (frequency < 60.0)
+def _rational_guess(
+    given: Array, caused: Array, period: float, zeros: int, poles: int, delay: float, highest_hz: float
+) -> Array:
+    """Denominator below its leading 1, then numerator, in powers of s/100."""
+    frequency, response = empirical_response(given, caused, period)
+    late = np.exp(2j * np.pi * frequency * delay)
+    u = np.abs(np.fft.rfft(given - given.mean()))
+    used = (frequency > 0.2) & (frequency < highest_hz)
     s = 2j * np.pi * frequency[used] / _UNIT_OF_FREQUENCY
-    g = (response * np.exp(2j * np.pi * frequency * delay))[used]
+    g, weight = (response * late)[used], u[used] / u[used].max()
     low = s[:, None] ** np.arange(poles - 1, -1, -1.0)
     top = s[:, None] ** np.arange(zeros, -1, -1.0)
-    divisor, theta = np.ones_like(s), np.zeros(poles + zeros + 1)
+    divisor = np.ones_like(s)
+    theta = np.zeros(poles + zeros + 1)
     for _ in range(20):
-        w = 1.0 / np.abs(divisor)[:, None]
-        m, y = np.hstack([g[:, None] * low, -top]) * w, -(g * s**poles)[:, None] * w
+        w = (weight / np.abs(divisor))[:, None]
+        m = np.hstack([g[:, None] * low, -top]) * w
+        y = -(g * s**poles)[:, None] * w
         theta = np.linalg.lstsq(np.vstack([m.real, m.imag]), np.vstack([y.real, y.imag]), rcond=None)[0][:, 0]
         divisor = s**poles + low @ theta[:poles]
     return np.asarray(theta)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.identification.experiments.friction import fit_curve
 from fdd.identification.friction import curve
@@ -12,7 +13,10 @@ from fdd.plant.details import Details
 from fdd.plant.simulate import Simulation
 from fdd.unit import FrictionBranch, Unit
 from reports.thesis.frequency_response import velocity
-from reports.thesis.runs import PERIOD, VOLT, Array, Figures, run_speed
+from reports.thesis.runs import PERIOD, VOLT, Figures, both_pumps, run_speed
+from reports.writing import Panel
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -64,45 +68,39 @@ _ACCELERATION = 0.11
 _SMOOTHING = 21
 _SETTLED = 70
 _AT = (0.03, 0.05, 0.11)
+_LATE = Details(friction_memory=0.04)
 
 
 def drive_both(mode: Mode, units: dict[str, Unit], speed: Array, seed: int, details: Details) -> Simulation:
     """Drive one cylinder in one direction by both pumps, without load, from near the stroke's end.
 
-    Flows of the pumps add, and so do the torques and inertias on what counts here as one shaft. The dual rig
-    with open connect valves would carry the other cylinder, and its seals, along.
-
     `units`: A and B. `speed`: (n,) rad/s, magnitude commanded of both pumps. `seed`: of the trial. `details`:
     for one pump; its dry friction is doubled.
     """
-    driven, other = units[mode.axis].model_copy(deep=True), units["B" if mode.axis == "A" else "A"]
-    for part, names in (
-        ("pump", ("displacement", "cross_port_leakage", "case_leakage")),
-        ("drive", ("inertia", "viscous_friction", "current_limit")),
-    ):
-        mine, theirs = getattr(driven, part), getattr(other, part)
-        for name in names:
-            setattr(mine, name, getattr(mine, name) + getattr(theirs, name))
+    other = "B" if mode.axis == "A" else "A"
+    driven = both_pumps(units[mode.axis], units[other])
     twice = details.model_copy(update={"pump_coulomb_torque": 2.0 * details.pump_coulomb_torque})
     return run_speed(driven, mode.sign * speed, start=-0.12 * mode.sign, seed=seed, details=twice)
 
 
-def force_of(mode: Mode, run: Simulation) -> Array:
-    """Force of the measured pressure difference along the motion (N), (n,)."""
-    area = 0.5 * (run.unit.cylinder.area_1 + run.unit.cylinder.area_2)
-    return np.asarray(mode.sign * area * run.samples["pressure_difference"])
+def force_of(mode: Mode, unit: Unit, pressure: Array) -> Array:
+    """Force of a pressure difference along the motion (N), (n,)."""
+    return np.asarray(mode.sign * 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2) * pressure)
 
 
 def peaks(
     mode: Mode, units: dict[str, Unit], seed: int, details: Details | None = None, volts: Array = VOLTS
-) -> Array:
-    """Peak force (N) of a step start at each of `volts`, a trial each."""
+) -> tuple[Array, Array]:
+    """Peak force of a step start at each of `volts`, a trial each: by the sensor and in truth, (20,) N."""
     found = []
     for i, volt in enumerate(volts):
         n = round(min(0.2 / (7.3e-4 * VOLT * volt), 1.0) / PERIOD)
         speed = np.concatenate([np.zeros(_REST), np.full(n, VOLT * volt)])
-        found.append(np.max(force_of(mode, drive_both(mode, units, speed, seed + i, details or Details()))))
-    return np.array(found)
+        out = drive_both(mode, units, speed, seed + i, details or Details())
+        logs = (out.samples, out.truth)
+        found.append([np.max(force_of(mode, out.unit, log["pressure_difference"])) for log in logs])
+    measured, true = np.array(found).T
+    return measured, true
 
 
 def creeping_peaks(mode: Mode, units: dict[str, Unit], seed: int, trials: int = 10) -> Array:
@@ -110,49 +108,80 @@ def creeping_peaks(mode: Mode, units: dict[str, Unit], seed: int, trials: int = 
 
     The sensor's noise is averaged over 0.25 s.
     """
-    speed = np.full(round(_CREEP_TIME / PERIOD), VOLT * _CREEP_VOLT)
-    forces = (force_of(mode, drive_both(mode, units, speed, seed + i, Details())) for i in range(trials))
-    return np.array([np.max(np.convolve(f, np.full(250, 0.004), mode="valid")) for f in forces])
+    found = []
+    for i in range(trials):
+        speed = np.full(round(_CREEP_TIME / PERIOD), VOLT * _CREEP_VOLT)
+        out = drive_both(mode, units, speed, seed + i, Details())
+        force = force_of(mode, out.unit, out.samples["pressure_difference"])
+        found.append(float(np.max(np.convolve(force, np.full(250, 0.004), mode="valid"))))
+    return np.array(found)
+
+
+def _slope(values: Array) -> float:
+    """N/V by a straight line through the peaks over the step's size."""
+    return float(np.polyfit(VOLTS, values, 1)[0])
 
 
 def _about_line(values: Array) -> float:
-    """Standard deviation (N) of the peaks about a straight line over the step's size."""
+    """Standard deviation (N) of the peaks about that line."""
     left = values - np.polyval(np.polyfit(VOLTS, values, 1), VOLTS)
     return float(np.std(left, ddof=2))
+
+
+def _rise(mode: Mode, units: dict[str, Unit], seed: int, as_is: Array) -> dict[str, Array]:
+    """One mode's peaks with one thing changed at a time."""
+    lighter = {name: unit.model_copy(deep=True) for name, unit in units.items()}
+    for unit in lighter.values():
+        unit.cylinder.moving_mass *= 0.1
+    return {
+        "as it is": as_is,
+        f"all steps of {_ALIKE:g} V": peaks(mode, units, seed, volts=np.full(VOLTS.size, _ALIKE))[0],
+        "a tenth of the piston's mass": peaks(mode, lighter, seed)[0],
+        "no resistance of the seal to quick changes": peaks(mode, units, seed, Details(seal_damping=0.0))[0],
+        "the friction's lag 10 ms": peaks(mode, units, seed, Details(friction_memory=0.01))[0],
+    }
 
 
 def static_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     """Table 5.1: static friction as the pressure peak of step starts, in all four modes."""
     units = {"A": axis_a, "B": axis_b}
-    found = {m.name: peaks(m, units, seed + 1000 * k) for k, m in enumerate(MODES)}
-    slopes = {name: float(np.polyfit(VOLTS, values, 1)[0]) for name, values in found.items()}
+    both = {m.name: peaks(m, units, seed + 1000 * k) for k, m in enumerate(MODES)}
+    found = {name: measured for name, (measured, _) in both.items()}
+    creeping = {m.name: creeping_peaks(m, units, seed + 1000 * k + 500) for k, m in enumerate(MODES)}
+    slopes = {name: _slope(values) for name, values in found.items()}
     steepest = max(MODES, key=lambda m: slopes[m.name])
-    its_seed = seed + 1000 * MODES.index(steepest)
     return {
         "modes": MODES,
         "peaks": found,
-        "creeping": {m.name: creeping_peaks(m, units, seed + 1000 * k + 500) for k, m in enumerate(MODES)},
+        "creeping": creeping,
         "slopes": slopes,
-        "alike": peaks(steepest, units, its_seed, volts=np.full(VOLTS.size, _ALIKE)),
+        "steepest": steepest.name,
+        "rise": _rise(steepest, units, seed + 1000 * MODES.index(steepest), found[steepest.name]),
+        "slope": _slope,
         "about_line": _about_line,
         "sure": _SURE,
         "drawn": {name: unit.friction.trial_spread for name, unit in units.items()},
-        "plain": peaks(MODES[0], units, seed, Details(breakaway=0.0)),
+        "noise": np.mean([np.mean(measured - true) for measured, true in both.values()]),
+        "lower": [found[m.name].mean() - creeping[m.name].mean() for m in MODES],
+        "plain": peaks(MODES[0], units, seed, Details(breakaway=0.0))[0],
         "at_slowest": MODES[0].branch.coulomb + 359.1 * np.exp(-((0.011 / 0.026) ** 0.590)),
     }
 
 
-def run_up(mode: Mode, units: dict[str, Unit], seed: int, seconds: float = _RUN_UP) -> tuple[Array, Array]:
+def run_up(
+    mode: Mode, units: dict[str, Unit], seed: int, seconds: float = _RUN_UP, details: Details | None = None
+) -> tuple[Array, Array]:
     """Speed (m/s) and friction (N) while the cylinder goes from 0 towards 0.22 m/s, (n,) each.
 
     Friction is pressure force less mass times acceleration, both over 21 ms.
     """
     ramp = np.linspace(0.0, 10.0 * VOLT, round(seconds / PERIOD))[: round(_LONGEST / PERIOD)]
-    out = drive_both(mode, units, np.concatenate([np.zeros(_REST), ramp]), seed, Details())
+    out = drive_both(mode, units, np.concatenate([np.zeros(_REST), ramp]), seed, details or Details())
     speed = mode.sign * velocity(out.samples["position"], PERIOD, 50.0)
     inertia = out.unit.cylinder.moving_mass * np.gradient(speed, PERIOD)
     window = np.full(_SMOOTHING, 1.0 / _SMOOTHING)
-    friction = np.convolve(force_of(mode, out) - inertia, window, mode="same")
+    force = force_of(mode, out.unit, out.samples["pressure_difference"])
+    friction = np.convolve(force - inertia, window, mode="same")
     speed = np.convolve(speed, window, mode="same")
     # Not the start itself: the piston breaks away with a jump that takes this long to settle.
     moving = int(np.flatnonzero(speed > LOWEST)[0])
@@ -179,14 +208,20 @@ def sliding_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     """Table 5.2: friction over velocity from a linear run-up in all four modes, and the curve through it."""
     units, at = {"A": axis_a, "B": axis_b}, np.array(_AT)
     grid = np.concatenate([at, np.linspace(LOWEST, 0.20, 24)])
-    modes, lag, seal = [], Details().friction_memory, Details().seal_damping
+    fine = np.linspace(1e-3, 0.22, 400)
+    scatters, first, panels, modes = [], [], [], []
+    lag, seal = Details().friction_memory, Details().seal_damping
     for k, mode in enumerate(MODES):
         seeds = range(seed + 1000 * k, seed + 1000 * k + TRIALS)
-        table = np.array([at_speeds(*run_up(mode, units, i), grid) for i in seeds])
+        runs = [run_up(mode, units, i) for i in seeds]
+        table = np.array([at_speeds(*run, grid) for run in runs])
         reached = np.isfinite(table).any(axis=0)
         points = np.full(grid.size, np.nan)
         points[reached] = np.nanmean(table[:, reached], axis=0)
+        scatters += np.nanstd(table[:, : at.size], axis=0, ddof=1).tolist()
         slow = np.nanmean([at_speeds(*run_up(mode, units, i, _SLOW_RUN_UP), at) for i in seeds], axis=0)
+        late = np.nanmean([at_speeds(*run_up(mode, units, i, details=_LATE), at) for i in seeds[:8]], axis=0)
+        first += [float(speed[0]) for speed, _ in runs]
         used = reached & (np.arange(grid.size) >= at.size)
         fit = fit_curve(grid[used], points[used], *start_of(mode, points[used]))
         expected, fitted = curve(mode.branch, grid), curve(fit, grid)
@@ -194,9 +229,15 @@ def sliding_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
             "name": mode.name,
             "thesis": mode.branch,
             "fit": fit,
-            "at": list(zip(_AT, expected, fitted, points, slow, strict=False)),
+            "at": list(zip(_AT, expected, fitted, points, slow, late, strict=False)),
             "lagged": curve(mode.branch, at - _ACCELERATION * lag) + seal * _ACCELERATION * lag,
             "off_fit": np.sqrt(np.nanmean((points - fitted) ** 2)),
             "off_thesis": np.sqrt(np.nanmean((points - expected) ** 2)),
         })  # fmt: skip
-    return {"modes": modes, "trials": TRIALS}
+        curves = [
+            (grid, points, "C0o", f"plant, mean of {TRIALS} trials"),
+            (fine, curve(mode.branch, fine), "k--", "thesis, Table 5.2"),
+        ]
+        axes = {"title": f"axis {mode.name}", "xlabel": "speed (m/s)", "ylabel": "friction (N)"}
+        panels.append(Panel(curves, {**axes, "ylim": (0, 520)}))
+    return {"modes": modes, "first": first, "scatters": scatters, "trials": TRIALS, "picture": panels}

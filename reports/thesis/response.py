@@ -1,10 +1,11 @@
-"""Sections 6.3 and 6.4: the servomotor, and the whole actuator about rest and at speed, by ETFE and fit."""
+"""Section 6.4: the whole actuator, demanded motor speed to actuator velocity, about rest and at speed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.identification.experiments.response import from_profile
 from fdd.identification.experiments.spectra import half_power_frequency
@@ -21,7 +22,6 @@ from reports.thesis.frequency_response import (
 from reports.thesis.runs import (
     PERIOD,
     VOLT,
-    Array,
     Beside,
     Figures,
     changed,
@@ -29,15 +29,14 @@ from reports.thesis.runs import (
     identification_volts,
     riding_partner,
     run_speed,
+    with_coulomb_alone,
     with_friction,
+    with_torque,
 )
+from reports.thesis.servomotor import STALL_TORQUE, bode
 
-SERVOMOTOR = TransferFunction((68.67, 1.21e5), (1.0, 760.8, 1.26e5), 0.001)
-"""Eq. 6.11."""
-SECONDS = 12.5
-"""Of the test signal; the thesis names this interval for its verifying chirp."""
-STALL_TORQUE = 8.0
-"""N·m, Table 4.11; section 4.6 calls it the largest torque."""
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 
 LOW = TransferFunction((1.08e-2, 2.562, 242.6), (1.0, 144.8, 1.66e4, 6.50e5), 0.01)
 HIGH = TransferFunction((9.43e-3, 4.37, 648.80), (1.0, 185.5, 3.14e4, 1.91e6), 0.01)
@@ -49,51 +48,6 @@ _REST, _LEVEL = 100, 350
 _DELAYS = (1, 2, 3, 5, 9, 10)
 _LATE = 8e-3
 """s, delay of a drive whose model would have the thesis's 10 ms."""
-
-
-@dataclass(frozen=True)
-class Identified:
-    """A model of the motor and its fit (1 explains all), and the largest current (A)."""
-
-    model: TransferFunction
-    fit: float
-    largest_current: float
-
-
-def identify_motor(unit: Unit, seed: int, details: Details | None = None) -> Identified:
-    """Second-order output-error model from demanded to true motor speed, about rest."""
-    command = np.concatenate([np.zeros(_REST), VOLT * identification_volts(SECONDS, seed)])
-    log = run_speed(unit, command, details=details, seed=seed).samples
-    given = held_input(command, PERIOD)[_REST:]
-    caused = velocity(log["pump_angle"], PERIOD)[_REST:]
-    fits = [fit_output_error(given, caused, PERIOD, zeros=1, poles=2, delay=d * PERIOD) for d in range(4)]
-    model, fit = max(fits, key=lambda found: found[1])
-    return Identified(model, fit, float(np.max(np.abs(log["motor_current"]))))
-
-
-def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
-    """Section 6.3: identify axis A's servomotor as the thesis did, and with one thing changed at a time."""
-    found = identify_motor(axis_a, seed)
-    # A current limit that this signal does not reach; cogging grows with it.
-    strong = changed(axis_a, "drive", current_limit=2.0 * axis_a.drive.current_limit)
-    stalling = changed(axis_a, "drive", current_limit=STALL_TORQUE / axis_a.drive.torque_constant)
-    quick = identify_motor(axis_a, seed, Details(current_lag=1e-4))
-
-    def behind(model: TransferFunction, hertz: float) -> float:
-        """How far its phase lies behind eq. 6.11's (°)."""
-        return float(np.degrees(np.angle(SERVOMOTOR.at(hertz) / model.at(hertz))))
-
-    return {
-        "thesis": SERVOMOTOR,
-        "found": found,
-        "rates": np.sort(np.abs(found.model.poles)),
-        "limit": axis_a.drive.current_limit,
-        "free": identify_motor(strong, seed),
-        "stalled": identify_motor(stalling, seed),
-        "behind": behind(found.model, 100.0),
-        "behind_bandwidth": behind(found.model, 33.3),
-        "behind_quick": behind(quick.model, 100.0),
-    }
 
 
 @dataclass(frozen=True)
@@ -116,54 +70,68 @@ class Region:
     start: float
 
 
-LOW_SPEED = Region("low speed", 0.0, "eq. 6.12", LOW, 16.8, -44.5 + 98.3j, -55.8, SECONDS, 0.0)
+LOW_SPEED = Region("low speed", 0.0, "eq. 6.12", LOW, 16.8, -44.5 + 98.3j, -55.8, 12.5, 0.0)
 HIGH_SPEED = Region("high speed", 8.375, "eq. 6.13", HIGH, 27.04, -50.9 + 142.3j, -83.8, 2.2, -0.130)
 """About 95 mm/s."""
 
 
 @dataclass(frozen=True)
 class Response:
-    """What one axis answered in one region: model and fit, -3 dB points (Hz) by ETFE and by single sines."""
+    """What one axis answered in one region: model and fit, ETFE, single sines and their -3 dB point (Hz).
+
+    ETFE, through the thesis's window of 128 points, is in m/rad; `sines` (len(SINES),) are over Dp/A.
+    """
 
     model: TransferFunction
     fit: float
+    frequency: Array
+    empirical: ComplexArray
     empirical_bandwidth: float
+    sines: ComplexArray
     sines_bandwidth: float
+
+
+def _drive(
+    unit: Unit, region: Region, volts: Array, seed: int, partner: Beside | None, details: Details | None
+) -> tuple[Array, Array]:
+    """Command (rad/s) and velocity (m/s) while the signal plays, about what they are before it."""
+    lead = np.full(_LEVEL if region.mean else 0, region.mean)
+    command = VOLT * np.concatenate([np.zeros(_REST), lead, region.mean + volts])
+    log = run_speed(unit, command, start=region.start, partner=partner, details=details, seed=seed).samples
+    first = _REST + lead.size
+    speed = velocity(log["position"], PERIOD)
+    before = float(np.mean(speed[first - 60 : first - 10])) if region.mean else 0.0
+    return held_input(command, PERIOD)[first:] - VOLT * region.mean, speed[first:] - before
+
+
+def single_sine(
+    unit: Unit, region: Region, frequency: float, seed: int, partner: Beside | None, details: Details | None
+) -> complex:
+    """Response over Dp/A to ±1.5 V at one frequency, by the fundamental of the last whole periods."""
+    seconds = 2.2 if region.mean else max(4.0 / frequency, 1.5)
+    time = np.arange(round(seconds / PERIOD)) * PERIOD
+    volts = AMPLITUDE * np.sin(2.0 * np.pi * frequency * time)
+    given, caused = _drive(unit, region, volts, seed, partner, details)
+    # The zero-phase filter has no future at the end of the log.
+    usable = time.size - 20
+    periods = max(int(0.6 * usable * PERIOD * frequency), 1)
+    last = slice(usable - round(periods / (frequency * PERIOD)), usable)
+    return response_at(given[last], caused[last], PERIOD, frequency) / hydraulic_gain(unit)
 
 
 def respond(
     unit: Unit, region: Region, seed: int, *, sines: tuple[float, ...] = SINES,
     partner: Beside | None = None, details: Details | None = None,
 ) -> Response:  # fmt: skip
-    """Third-order output-error model, ETFE (through the thesis's window) and single sines in one region."""
-
-    def driven(volts: Array) -> tuple[Array, Array]:
-        """Command (rad/s) and velocity (m/s) while a signal plays, about what they are before it."""
-        lead = np.full(_LEVEL if region.mean else 0, region.mean)
-        command = VOLT * np.concatenate([np.zeros(_REST), lead, region.mean + volts])
-        run = run_speed(unit, command, start=region.start, partner=partner, details=details, seed=seed)
-        first, speed = _REST + lead.size, velocity(run.samples["position"], PERIOD)
-        before = float(np.mean(speed[first - 60 : first - 10])) if region.mean else 0.0
-        return held_input(command, PERIOD)[first:] - VOLT * region.mean, speed[first:] - before
-
-    def single_sine(frequency: float) -> float:
-        """Magnitude over Dp/A at one frequency, by the fundamental of the last whole periods."""
-        seconds = 2.2 if region.mean else max(4.0 / frequency, 1.5)
-        time = np.arange(round(seconds / PERIOD)) * PERIOD
-        given, caused = driven(AMPLITUDE * np.sin(2.0 * np.pi * frequency * time))
-        # The zero-phase filter has no future at the end of the log.
-        usable = time.size - 20
-        periods = max(int(0.6 * usable * PERIOD * frequency), 1)
-        last = slice(usable - round(periods / (frequency * PERIOD)), usable)
-        return abs(response_at(given[last], caused[last], PERIOD, frequency)) / hydraulic_gain(unit)
-
-    given, caused = driven(identification_volts(region.seconds, seed))
+    """Third-order output-error model, ETFE and single sines of one axis in one region."""
+    given, caused = _drive(unit, region, identification_volts(region.seconds, seed), seed, partner, details)
     fits = [fit_output_error(given, caused, PERIOD, zeros=2, poles=3, delay=d * PERIOD) for d in _DELAYS]
     model, fit = max(fits, key=lambda found: found[1])
     frequency, empirical = windowed_response(given, caused, PERIOD)
     own = half_power_frequency(frequency, np.abs(empirical), abs(empirical[0]))
-    single = np.array([single_sine(f) for f in sines])
-    return Response(model, fit, own, half_power_frequency(np.array(sines), single, 1.0))
+    single = np.array([single_sine(unit, region, f, seed, partner, details) for f in sines])
+    bandwidth = half_power_frequency(np.array(sines), np.abs(single), 1.0)
+    return Response(model, fit, frequency, empirical, own, single, bandwidth)
 
 
 def split_poles(model: TransferFunction) -> tuple[complex, float]:
@@ -175,24 +143,37 @@ def split_poles(model: TransferFunction) -> tuple[complex, float]:
     return complex(real[0]), float(real[2])
 
 
+def _figures(region: Region, unit: Unit, found: Response, cases: dict[str, Response]) -> Figures:
+    """What the template shows of a region: its model, the models with one thing changed, and the picture."""
+    gain = hydraulic_gain(unit)
+    picture = bode((found.frequency, found.empirical), found.model, region.thesis, region.equation, gain,
+                   region.bandwidth, 80.0, (SINES, found.sines))  # fmt: skip
+    return {"region": region, "found": found, "cases": cases, "poles": split_poles, "gain": gain,
+            "picture": picture}  # fmt: skip
+
+
 def low_speed(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     """Section 6.4 about rest, where the friction of reversal decides."""
+
+    def case(unit: Unit = axis_a, partner: Beside | None = None, details: Details | None = None) -> Response:
+        return respond(unit, LOW_SPEED, seed, partner=partner, details=details)
+
     pressure = VOLT * AMPLITUDE * axis_a.pump.displacement * axis_a.oil.bulk_modulus
     pressure /= 0.5 * axis_a.cylinder.volume_1 * 2.0 * np.pi * 16.8
-    late = changed(axis_a, "drive", delay=_LATE)
-    found = respond(axis_a, LOW_SPEED, seed)
+    found = case()
     cases = {
         "plant": found,
-        "plant, 10 % of its dry friction": respond(with_friction(axis_a, 0.1), LOW_SPEED, seed),
-        "plant, its drive 8 ms late": respond(late, LOW_SPEED, seed),
-        "plant, axis B riding along, by-pass and throttle open":
-            respond(axis_a, LOW_SPEED, seed, partner=riding_partner(axis_b)),
+        "plant, 30 % of its dry friction": case(with_friction(axis_a, 0.3)),
+        "plant, 10 % of its dry friction": case(with_friction(axis_a, 0.1)),
+        "plant, friction that does not rise towards rest": case(with_coulomb_alone(axis_a)),
+        "plant, bristles three times as stiff":
+            case(details=Details(bristle_stiffness=3.0 * Details().bristle_stiffness)),
+        "plant, its drive limited to 8 N·m": case(with_torque(axis_a, STALL_TORQUE)),
+        "plant, its drive 8 ms late": case(changed(axis_a, "drive", delay=_LATE)),
+        "plant, axis B riding along, by-pass and throttle open": case(partner=riding_partner(axis_b)),
     }  # fmt: skip
     return {
-        "region": LOW_SPEED,
-        "found": found,
-        "cases": cases,
-        "poles": split_poles,
+        **_figures(LOW_SPEED, axis_a, found, cases),
         "force": pressure * axis_a.cylinder.area_1,
         "least": min(axis_a.friction.forward.coulomb, axis_a.friction.reverse.coulomb),
         "below": -20.0 * np.log10(abs(found.model.gain) / hydraulic_gain(axis_a)),
@@ -201,25 +182,27 @@ def low_speed(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
 
 def high_speed(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     """Section 6.4 about 95 mm/s, where the piston never reverses."""
-    mass, late = axis_a.cylinder.moving_mass, changed(axis_a, "drive", delay=_LATE)
+
+    def case(unit: Unit = axis_a, partner: Beside | None = None, details: Details | None = None) -> Response:
+        return respond(unit, HIGH_SPEED, seed, partner=partner, details=details)
+
+    found, mass = case(), axis_a.cylinder.moving_mass
     heavy = changed(axis_a, "cylinder", moving_mass=mass + axis_b.cylinder.moving_mass)
-    soft = changed(axis_a, "oil", bulk_modulus=4e7)
-    riding, half_open = riding_partner(axis_b), riding_partner(axis_b, throttle=False)
-    found = respond(axis_a, HIGH_SPEED, seed)
+    airy_a, airy_b = (changed(unit, "oil", bulk_modulus=1.2e8) for unit in (axis_a, axis_b))
+    riding = "plant, axis B riding along"
     cases = {
         "plant": found,
-        "plant, bulk modulus 40 MPa": respond(soft, HIGH_SPEED, seed),
-        "plant, twice the mass on its rod": respond(heavy, HIGH_SPEED, seed),
-        "plant, its drive 8 ms late": respond(late, HIGH_SPEED, seed),
-        "plant, axis B riding along, its by-pass and throttle open":
-            respond(axis_a, HIGH_SPEED, seed, partner=riding),
-        "plant, axis B riding along, its by-pass open": respond(axis_a, HIGH_SPEED, seed, partner=half_open),
-    }  # fmt: skip
+        "plant, bulk modulus 40 MPa": case(changed(axis_a, "oil", bulk_modulus=4e7)),
+        "plant, twice the mass on its rod": case(heavy),
+        "plant, its drive limited to 8 N·m": case(with_torque(axis_a, STALL_TORQUE)),
+        "plant, its drive 8 ms late": case(changed(axis_a, "drive", delay=_LATE)),
+        "plant, seals' resistance to quick changes 500 N·s/m": case(details=Details(seal_damping=500.0)),
+        f"{riding}, its by-pass and throttle open": case(partner=riding_partner(axis_b)),
+        f"{riding}, its by-pass open": case(partner=riding_partner(axis_b, throttle=False)),
+        f"{riding}, by-pass and throttle open, both axes 120 MPa": case(airy_a, riding_partner(airy_b)),
+    }
     return {
-        "region": HIGH_SPEED,
-        "found": found,
-        "cases": cases,
-        "poles": split_poles,
+        **_figures(HIGH_SPEED, axis_a, found, cases),
         "natural": abs(HIGH_SPEED.pair),
         "own": 2.0 * np.pi * from_profile(axis_a, 0.0).natural_hz,
         "mass": mass,

@@ -29,6 +29,8 @@ PERIOD = 1e-3
 """Sampling interval of the thesis (s), section 6.1."""
 VOLT = 31.416
 """Commanded pump speed per volt (rad/s): 3000 rpm at 10 V."""
+THOUSAND_RPM = 104.7
+"""Pump speed of section 5.2 (rad/s)."""
 
 
 def run_speed(
@@ -43,17 +45,26 @@ def run_speed(
     Raises `InputError`: `start` is outside the stroke.
     """
     whole = Scenario(
-        unit=unit.name, duration=command.size * PERIOD, seed=seed,
-        duty=Replay(values=tuple(command.tolist()), offset=start), control=control or Control(mode="speed"),
-        partner=partner[1] if partner else None, details=details or Details(),
-        recording=Recording.perfect(), **scenario,
-    )  # fmt: skip
+        unit=unit.name,
+        duration=command.size * PERIOD,
+        duty=Replay(values=tuple(command.tolist()), offset=start),
+        control=control or Control(mode="speed"),
+        partner=partner[1] if partner else None,
+        details=details or Details(),
+        recording=Recording.perfect(),
+        seed=seed,
+        **scenario,
+    )
     return simulate(unit, whole, partner=partner[0] if partner else None)
 
 
-def run_position(unit: Unit, setpoint: Array, gain: float, **run: Any) -> Simulation:
+def run_position(
+    unit: Unit, setpoint: Array, gain: float, *, partner: Beside | None = None,
+    details: Details | None = None, seed: int = 0,
+) -> Simulation:  # fmt: skip
     """Close the position loop of section 7.2, `gain` in (rad/s)/m, around the pump; set-point (n,) in m."""
-    return run_speed(unit, setpoint, control=Control(mode="position", gain=gain), **run)
+    loop = Control(mode="position", gain=gain)
+    return run_speed(unit, setpoint, partner=partner, details=details, control=loop, seed=seed)
 
 
 def throttled_partner(unit: Unit, partner: Unit, pressure: float) -> Beside:
@@ -77,6 +88,23 @@ def riding_partner(partner: Unit, *, throttle: bool = True) -> Beside:
     return partner, Partner(unit=partner.name, drive="still", circuit=circuit)
 
 
+def both_pumps(unit: Unit, partner: Unit) -> Unit:
+    """One cylinder driven by both axes' pumps in parallel, as for the friction tests of section 5.3.
+
+    Flows add, and so do the torques and inertias on what counts here as one shaft. The dual rig with open
+    connect valves would carry the other cylinder, and its seals, along.
+    """
+    together = unit.model_copy(deep=True)
+    for part, names in (
+        ("pump", ("displacement", "cross_port_leakage", "case_leakage")),
+        ("drive", ("inertia", "viscous_friction", "current_limit")),
+    ):
+        mine, other = getattr(together, part), getattr(partner, part)
+        for name in names:
+            setattr(mine, name, getattr(mine, name) + getattr(other, name))
+    return together
+
+
 def changed(unit: Unit, part: str, **values: float) -> Unit:
     """The same axis with other values in one part of its profile: ``changed(unit, "drive", delay=0.01)``."""
     out = unit.model_copy(deep=True)
@@ -94,10 +122,23 @@ def with_friction(unit: Unit, share: float) -> Unit:
     return out
 
 
+def with_coulomb_alone(unit: Unit) -> Unit:
+    """The same axis with friction that does not rise towards rest: its static friction is Coulomb's."""
+    out = unit.model_copy(deep=True)
+    for branch in (out.friction.forward, out.friction.reverse):
+        branch.static = branch.coulomb
+    return out
+
+
 def with_leakage(unit: Unit, pump: Unit, share: float = 1.0) -> Unit:
     """The same axis with a share of the leakage of a pump, its own or another one."""
     cross, case = pump.pump.cross_port_leakage, pump.pump.case_leakage
     return changed(unit, "pump", cross_port_leakage=share * cross, case_leakage=share * case)
+
+
+def with_torque(unit: Unit, torque: float) -> Unit:
+    """The same axis with another largest torque of its drive (N·m)."""
+    return changed(unit, "drive", current_limit=torque / unit.drive.torque_constant)
 
 
 def hydraulic_gain(unit: Unit) -> float:
@@ -110,10 +151,20 @@ def holding_leakage(unit: Unit) -> float:
     return unit.pump.cross_port_leakage + unit.pump.case_leakage
 
 
-def identification_volts(seconds: float, seed: int, high_hz: float = 150.0) -> Array:
-    """Section 6.2's signal (n,): a chirp of ±1.5 V from 0.1 to 150 Hz, binary noise of ±0.25 V at 450 Hz."""
+def chirp(seconds: float, low_hz: float, high_hz: float) -> Array:
+    """A sine of amplitude 1 whose frequency rises evenly from `low_hz` to `high_hz`, (n,)."""
     time = np.arange(round(seconds / PERIOD)) * PERIOD
-    chirp = np.sin(2.0 * np.pi * (0.1 + 0.5 * (high_hz - 0.1) * time / seconds) * time)
-    which = np.floor(time * 450.0 + 1e-9).astype(np.int64)
+    return np.asarray(np.sin(2.0 * np.pi * (low_hz + 0.5 * (high_hz - low_hz) * time / seconds) * time))
+
+
+def binary_noise(seconds: float, switching_hz: float, seed: int) -> Array:
+    """Pseudo-random ±1 that may change `switching_hz` times a second, (n,)."""
+    time = np.arange(round(seconds / PERIOD)) * PERIOD
+    which = np.floor(time * switching_hz + 1e-9).astype(np.int64)
     bits = np.random.default_rng(seed).integers(0, 2, int(which[-1]) + 1) * 2.0 - 1.0
-    return np.asarray(1.5 * chirp + 0.25 * bits[which])
+    return np.asarray(bits[which], dtype=np.float64)
+
+
+def identification_volts(seconds: float, seed: int, high_hz: float = 150.0) -> Array:
+    """Section 6.2's signal: a chirp of ±1.5 V from 0.1 to 150 Hz with binary noise of ±0.25 V at 450 Hz."""
+    return 1.5 * chirp(seconds, 0.1, high_hz) + 0.25 * binary_noise(seconds, 450.0, seed)

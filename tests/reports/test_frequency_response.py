@@ -6,11 +6,12 @@ from scipy.signal import cont2discrete, lfilter
 
 from reports.thesis.frequency_response import (
     TransferFunction,
+    empirical_response,
     fit_output_error,
     held_input,
     response_at,
+    sampled,
     velocity,
-    windowed_response,
 )
 
 T = 1e-3
@@ -35,6 +36,13 @@ def integrated_output(model: TransferFunction, command: np.ndarray) -> np.ndarra
     return lfilter(np.ravel(top), bottom, held)
 
 
+def test_sampled_is_the_triangle_hold_of_scipy():
+    top, bottom = sampled(np.array(LOW.numerator), np.array(LOW.denominator), T)
+    expected = cont2discrete((LOW.numerator, LOW.denominator), T, method="foh")
+    np.testing.assert_allclose(top, np.ravel(expected[0]), rtol=1e-7, atol=1e-14)
+    np.testing.assert_allclose(bottom, expected[1], rtol=1e-10)
+
+
 def test_the_thesis_model_is_found_again_with_its_delay(command):
     """From positions of a simulated eq. 6.12, differenced and filtered like a log's."""
     output = velocity(integrated_output(LOW, command), T)
@@ -51,8 +59,8 @@ def test_the_thesis_model_is_found_again_with_its_delay(command):
 
 
 def test_single_sine_and_etfe_give_the_response(command):
-    frequency, response = windowed_response(
-        held_input(command, T), velocity(integrated_output(LOW, command), T), T, points=1000
+    frequency, response = empirical_response(
+        held_input(command, T), velocity(integrated_output(LOW, command), T), T, width_hz=0.5
     )
     for hz in (5.0, 12.0, 20.0):
         near = int(np.argmin(np.abs(frequency - hz)))

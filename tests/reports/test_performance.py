@@ -1,16 +1,49 @@
-"""What ``python -m reports plant`` says; what it measures is in `tests/plant`."""
+"""What ``python -m reports plant`` measures: peers solve the same problem; what its report says."""
 
-from reports.plant.numerics import Difference, RealTime
-from reports.plant.report import Measured, Plan, report_text
+import pytest
+
+from reports.plant.cases import Cases
+from reports.plant.numerics import RealTime, against_half_steps, work_precision
+from reports.plant.report import Measured, Plan, report_lines
 from reports.plant.wild import Outcome
 
+pytestmark = pytest.mark.slow
+CASES = Cases()
 
-def test_the_report_says_what_was_found() -> None:
-    half = Difference("sines", {"position": 0.02, "pump_angle": 3.0})
-    speeds = [RealTime("steps", 320.0, 1.5), RealTime("two axes", 100.0, 1.5)]
-    wild = [Outcome(0, [], 1e4, -0.1, 2.0), Outcome(7, ["NaN"])]
-    text = report_text(Measured(Plan(), speeds, [half], [half], wild))
-    for told in ("320", "steps, has 320: met", "seed 7: NaN", "The worst is 2.0e-02", "28 µrad"):
+
+@pytest.fixture(scope="module")
+def measured() -> Measured:
+    work, trust = work_precision(CASES.work, 0.06, 1)
+    halved = against_half_steps(CASES.numerics[1], 1.5)
+    return Measured(
+        Plan(), [RealTime("steps", 320.0, 1.5), RealTime("two axes", 100.0, 1.5)], work, trust,
+        [halved], [halved], [Outcome(0, [], 1e4, -0.1, 2.0), Outcome(7, ["NaN"])],
+    )  # fmt: skip
+
+
+def test_errors_fall_as_work_rises(measured):
+    ours = [point for point in measured.work if point.solver == "this plant"]
+    assert [point.evaluations for point in ours] == sorted(point.evaluations for point in ours)
+    assert ours[-1].pressure < ours[0].pressure
+    assert {point.solver for point in measured.work} == {
+        "this plant",
+        "SciPy RK45",
+        "SciPy LSODA",
+        "SciPy Radau",
+    }
+
+
+def test_the_report_says_what_was_found(measured):
+    text = "\n".join(report_lines(measured))
+    for told in (
+        "320",
+        "steps, has 320: met",
+        "seed 7: NaN",
+        "refine 1",
+        "SciPy Radau",
+        "28 µrad",
+    ):
         assert told in text
-    missed = report_text(Measured(Plan(), [RealTime("sines", 299.0, 1.5)]))
+    slow = [RealTime("sines", 299.0, 1.5)]
+    missed = "\n".join(report_lines(Measured(measured.plan, slow, measured.work, measured.trust)))
     assert "299: missed" in missed and "Robustness" not in missed

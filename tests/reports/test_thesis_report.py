@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 from fdd.unit import Unit
 from reports.__main__ import app
-from reports.thesis import flow, report
-from reports.thesis.report import EXPERIMENTS, Row, anchor, report_text, section
+from reports.thesis import control, flow, report
+from reports.thesis.report import EXPERIMENTS, Row, anchor, report_lines, section
 
 COMMITTED = Path(__file__).parents[2] / "reports" / "thesis.md"
-QUICK = (flow.bulk_modulus,)
+QUICK = (flow.bulk_modulus, flow.transfer_function, control.chatter_filter)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_each_row_has_a_verdict_and_each_failure_a_reason():
 def test_every_link_and_picture_of_the_committed_report_is_there():
     text = COMMITTED.read_text("utf-8")
     pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
-    assert len(pictures) == len(set(pictures)) == 1
+    assert len(pictures) == len(set(pictures)) == 7
     for name in pictures:
         head = (COMMITTED.parent / name).read_bytes()[:24]
         assert head[:8] == b"\x89PNG\r\n\x1a\n"
@@ -71,7 +71,7 @@ def test_text_of_made_up_findings():
     worse = Row("work", "1.3", 10.0, 30.0, "J", why="It slips.")
     said = "\n".join(report._said([good, bad, worse]))
     assert "- Does not meet, force; work: It slips." in said and "- Note, speed: A remark." in said
-    text = report_text([("## First\n\nHow.", [good]), ("## Second\n\nSo.", [bad, worse])], 3)
+    text = "\n".join(report_lines([("## First\n\nHow.", [good]), ("## Second\n\nSo.", [bad, worse])], 3))
     assert "**1 of 3 numbers meet the thesis's.**" in text and "--seed 3" in text
     assert "| speed | 1.1 | 2.00 | 2.01 | m/s | +0.5 % | meets |" in text
     assert "| force | 1.2 | 10.0 | 20.0 | N | +100.0 % | **does not meet** |" in text
@@ -85,7 +85,7 @@ def test_the_command_makes_the_same_bytes_each_time(monkeypatch, tmp_path):
     for name in ("one", "two"):
         result = CliRunner().invoke(app, ["thesis", "-o", str(tmp_path / name)])
         assert result.exit_code == 0, result.stderr
-        assert "Bulk modulus: 2 of 2 numbers meet" in result.stdout
+        assert "Chatter filter: 4 of 4 numbers meet" in result.stdout
         made.append({p.relative_to(tmp_path / name): p.read_bytes() for p in (tmp_path / name).rglob("*.*")})
     assert made[0] == made[1]
-    assert {str(p) for p in made[0]} == {"thesis.md"}
+    assert {str(p) for p in made[0]} == {"thesis.md", "thesis/bulk_modulus.png"}
