@@ -135,9 +135,6 @@ class BalanceHistory:
                 blocks.append(s._replace(valid=settled(good, balance.settle)))
             early = self._early(name)
             equations = self.regressions[name].equations(blocks)
-            if name == "creep":  # the load that scatters a sliding piston's rows scatters a creeping one's
-                of_force = self.equations["force"][-count:]
-                equations = [e.scattered(f.variance) for e, f in zip(equations, of_force, strict=True)]
             self.equations[name] += equations
             if early:
                 self._marginal[name] = []

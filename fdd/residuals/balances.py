@@ -9,7 +9,6 @@ viscosity over the reference's, ω speed, s_i = ±1 for chamber 1 and 2.
 =============  ==========================================================================================
 volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs 3.14 to 3.17), m³
 force          A_1 p_1 - A_2 p_2, by load and friction (eq. 3.30 and 5.12), over Coulomb friction
-creep          the same below 1 mm/s, where the seal's film is thin
 torque         motor current by shaft torque, friction and inertia (eq. 4.10), over that at relief pressure
 coherence      measured Δp by p_1 and p_2: lines and sensors, over relief pressure
 refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure; where p_c is
@@ -21,16 +20,15 @@ drive          pump speed by the speed demanded, while the drive has torque to s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
-from fdd.residuals.bins import BIN_S, FRAME_BINS, GAS_S, PRESLIDING_TRAVEL_M
+from fdd.residuals.bins import BIN_S, FRAME_BINS, GAS_S
 from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.quantities import (
     PILOT,
@@ -179,8 +177,8 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
 
 AERATION = 0.025
 """Free air of severity 1: volume at atmospheric pressure over that of oil."""
-CREEP_M_S = 1e-3
-"""m/s of the film below which a seal creeps: it is thin, and friction, near break-away, scatters more."""
+SLIDING_M_S = 1e-3
+"""m/s of plastic travel from which a seal slides: what it gave before is taken up (see `_friction`)."""
 LAG_S = 0.01
 """s of a pressure behind the piston's motion, by its sensor and by what the load compresses, that the force
 balance counts in."""
@@ -188,10 +186,7 @@ LEAST_DROP = 3e-3
 """Of relief pressure: drop between the chambers that a pressure sensor's noise does not turn round."""
 
 
-@lru_cache(maxsize=1)
-def _forces(q: Quantities) -> tuple[Array, Array, Array]:
-    """Left side and columns of the piston's balance of forces, and friction by the profile, of which two
-    balances take their rows."""
+def _force(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
     mean_area = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2)
     y = np.where(
@@ -225,29 +220,13 @@ def _forces(q: Quantities) -> tuple[Array, Array, Array]:
         np.maximum(friction, 0.0),
         np.minimum(friction, 0.0),
     ])  # fmt: skip
-    return y, x, friction
-
-
-def _rows(q: Quantities, columns: Sequence[int] | slice, moves: Flags) -> list[RegressionBlock]:
-    y, x, _ = _forces(q)
-    # Two bins late, as the acceleration asks for the next two: else the last ones at hand would be lost.
-    shifted = np.roll(np.arange(y.size), 2)
-    return [RegressionBlock(y[shifted], x[shifted][:, columns], (moves & np.isfinite(y))[shifted])]
-
-
-def _force(q: Quantities) -> list[RegressionBlock]:
     # While the seal sticks or reverses, its force is anywhere below break-away: friction shows in sliding
     # alone.
-    film = q.take["film"]
-    return _rows(q, slice(None), (np.abs(film) > CREEP_M_S) & (film * _forces(q)[2] > 0.0))
-
-
-def _creep(q: Quantities) -> list[RegressionBlock]:
-    # It slides as well once it has gone as far as it gave before, however slowly.
-    slid = q.take["slid"]
-    creeps = (np.abs(q.take["film"]) < CREEP_M_S) & (np.abs(slid) > PRESLIDING_TRAVEL_M)
-    kept = [BALANCES["force"].columns.index(c) for c in BALANCES["creep"].columns]
-    return _rows(q, kept, creeps & (slid * _forces(q)[2] > 0.0))
+    sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
+    valid = np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0)
+    # Two bins late, as the acceleration asks for the next two: else the last ones at hand would be lost.
+    shifted = np.roll(np.arange(y.size), 2)
+    return [RegressionBlock(y[shifted], x[shifted], valid[shifted])]
 
 
 STANDING = 0.02
@@ -414,11 +393,6 @@ BALANCES: dict[str, Balance] = {
             _force, bins_per_row=5,
             free=("load", "load_measured", "spring", "mass", "damping", "throttle", "lag", "lag_flow"),
             floor=0.1,  # of Coulomb friction: trials scatter by 9 % (thesis Table 5.1)
-        ),
-        Balance(
-            "creep", "the creeping piston's forces",
-            ("load", "load_measured", "spring", "lag", "friction_forward", "friction_reverse"),
-            _creep, bins_per_row=5, free=("load", "load_measured", "spring", "lag"), floor=0.1,
         ),
         Balance(
             "torque", "the shaft's torque", ("zero", "pressure", "inertia", "dry", "viscous", "mesh"),

@@ -149,8 +149,6 @@ class RegressionAccumulator:
     def _rows(self, y: Array, x: Array, ok: Flags) -> Array:
         """Regression rows of the frame, means of `Balance.bins_per_row` bins, less what changes slowly; none
         if they are too few."""
-        if not ok[-FRAME_BINS:].any():
-            return np.empty((0, x.shape[1] + 1))
         joined = np.column_stack([x, y])
         bins_per_row = self.balance.bins_per_row
         if bins_per_row > 1:  # the law holds over tens of ms: whitening must not reach where it fails

@@ -235,19 +235,6 @@ def test_a_load_cell_tells_gusts_from_friction_whichever_way_it_counts(sign: flo
     assert c["friction_reverse"] == pytest.approx(1.0, abs=0.12)
 
 
-@pytest.mark.parametrize(("severity", "expected"), [(0.0, 1.0), (0.9, 0.415)])
-def test_friction_is_told_of_a_piston_that_creeps(severity: float, expected: float) -> None:
-    """Strokes of some millimetres at less than 1 mm/s, as of a surface that is trimmed: break-away scatters
-    by 9 % (thesis Table 5.1), the curve near it by as much again."""
-    unit = Unit.load("axis_a")
-    wear = [{"fault": "seal_wear", "severity": severity, "variant": "loose"}] if severity else []
-    duty = {"name": "sines", "amplitude": 0.004, "low_hz": 0.02, "high_hz": 0.03, "count": 2}
-    log = simulate(unit, Scenario(duration=60.0, duty=duty, seed=5, faults=wear)).samples
-    found, covariance = coefficients(history_of(log, unit, effects_of(unit)), "creep")
-    assert found[-2:] == pytest.approx([expected, expected], abs=0.25)
-    assert (np.diag(covariance)[-2:] < 0.1**2).all()
-
-
 def driven(**scenario: Any) -> Samples:
     return simulate(Unit.load("axis_a"), Scenario(duration=40.0, seed=57, **scenario)).samples
 

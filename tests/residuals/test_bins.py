@@ -151,19 +151,18 @@ def test_an_early_row_changes_no_later_one() -> None:
         column(one, "time") > late.time[0] + 10.0 * LUBRICATION_LAG_S
     )
     assert slid.sum() > 100
-    for name in ("friction", "film", "slid"):
+    for name in ("friction", "sliding"):
         np.testing.assert_allclose(column(other, name)[slid], column(one, name)[slid], rtol=0.02)
 
 
 @pytest.mark.parametrize("cut", [None, [700, 701, 1900]])
 def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list[int] | None) -> None:
-    """Against a loop written from its definition: play in the give, a yield that follows the film, and the
-    way that was slid since the seal last reversed."""
+    """Against a loop written from its definition: play in the give, and a yield that follows the film."""
     samples = moving()
     f = UNIT.friction
     stiffness = 0.5 * (f.forward.static + f.reverse.static) / PRESLIDING_TRAVEL_M
-    force, film, way = 0.0, 0.0, 0.0
-    forces, films, ways = [], [], []
+    force, film = 0.0, 0.0
+    forces, films = [], []
     before_x, before_t = samples["position"][0], samples.time[0] - 1e-3
     for t, x in zip(samples.time, samples["position"], strict=True):
         free = force + stiffness * (x - before_x)
@@ -174,17 +173,13 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
         speed = (free - force) / stiffness / (t - before_t)
         share = (t - before_t) / (LUBRICATION_LAG_S + t - before_t)  # backward Euler of a first-order lag
         film = film + share * (speed - film)
-        if abs(free) > most:
-            way = (free - force) / stiffness + (way if way * free > 0.0 else 0.0)
-            way = float(np.clip(way, -2.0 * PRESLIDING_TRAVEL_M, 2.0 * PRESLIDING_TRAVEL_M))
         forces.append(force)
         films.append(film)
-        ways.append(way)
         before_x, before_t = x, t
     count = int(SECONDS / BIN_S)
     bins = bins_of(samples, cut)
     per_bin = RATE_HZ * BIN_S
-    for name, expected in (("friction", forces), ("film", films), ("slid", ways)):
+    for name, expected in (("friction", forces), ("sliding", films)):
         means = np.reshape(expected, (count, int(per_bin))).mean(axis=1)
         np.testing.assert_allclose(column(bins, name)[:count], means, rtol=1e-7, atol=1e-9, err_msg=name)
     slides = np.abs(films) > 0.05

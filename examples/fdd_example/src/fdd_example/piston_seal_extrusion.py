@@ -19,7 +19,6 @@ def shows(unit: Healthy) -> Columns:
     return {
         "volume": {"leak": unit.leakage_ratio},
         "force": {"friction_forward": -LOST, "friction_reverse": -LOST},
-        "creep": {"friction_forward": -LOST, "friction_reverse": -LOST},
     }
 
 
