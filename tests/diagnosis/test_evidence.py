@@ -9,6 +9,7 @@ from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesi
 from fdd.diagnosis.decision import USUAL_SIZE, decide
 from fdd.diagnosis.departures import WITHIN_FRAMES
 from fdd.diagnosis.evidence import Amplitude, Evidence
+from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.sequential_detector import RECOVERED_SHARE
 from fdd.residuals.balance_history import marginalised
 
@@ -78,6 +79,17 @@ def test_what_no_fault_explains_is_unknown() -> None:
     assert found.group == ["unknown"] and not found.known
     (found, *_), _ = decide(drawn(1, [(LEAK, 1.0, 40)]), [LEAK], 4.0)
     assert found.known and found.explained > 0.9
+
+
+def test_of_faults_in_balances_apart_the_surest_leads() -> None:
+    """The gain of one is larger, but its frames' errors hang together."""
+    evidence = drawn(1, [(LEAK, 0.4, 40)], colour=0.9)
+    evidence.balances["torque"] = drawn(51, [(LEAK, 0.3, 40)]).balances["volume"]
+    other = Hypothesis("other", "other", {"torque": LEAK.columns["volume"]}, 0.7, True)
+    leak, sure = evidence.fits([LEAK, other], [])
+    assert leak.gain / np.sqrt(leak.reduced_chi_square) > sure.gain > 0.0 and leak.score < sure.score
+    found, _ = decide(evidence, [LEAK, other], 4.0)
+    assert [f.lead.hypothesis.fault for f in found] == ["other", "leak"]
 
 
 def test_what_is_small_and_comes_along_with_a_fault_is_a_part_of_it() -> None:
