@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 TURN_S = 1.0
@@ -29,6 +30,10 @@ class Backlog:
     >>> backlog, axes = Backlog(), [f"A{k}" for k in range(5)]
     >>> [backlog.turn(now, 0.0, waiting, axes) for now, waiting in ((0.0, 0.0), (1.0, 0.5), (2.0, 1.0))]
     [[], [], ['A4']]
+    >>> for stamp in (7.0, math.nan):  # an empty block
+    ...     backlog.put_off("A4", stamp, 100)
+    >>> backlog.newest
+    {'A4': 7.0}
     """
 
     def __init__(self, most_bytes: int = 4 << 30) -> None:
@@ -61,8 +66,10 @@ class Backlog:
         return [*followed[-max(1, round(PUT_OFF * len(followed))) :]]
 
     def put_off(self, axis: str, stamp: float, size: int) -> None:
-        """An axis is put off, or another block of it was stored: its newest stamp (s), bytes."""
-        self.newest[axis] = stamp
+        """An axis is put off, or another block of it was stored: its newest stamp (s; NaN where it has none),
+        bytes."""
+        if axis not in self.newest or math.isfinite(stamp):
+            self.newest[axis] = stamp
         self._bytes[axis] = self._bytes.get(axis, 0) + size
 
     def worked(self, axis: str, size: int) -> None:
