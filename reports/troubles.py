@@ -96,7 +96,7 @@ TROUBLES = (
     Trouble("disk full", "A file fills the disk (a small tmpfs) that the state folder is on.", _full,
             "disk is full", own_disk=True),
     Trouble("quota reached", "No file of the process may grow beyond 64 KiB (RLIMIT_FSIZE), as with a quota.",
-            _no_growth, "cannot be read or written"),
+            _no_growth, "cannot be written"),
     Trouble("store locked", "Another program holds the store's lock.", _locked, "is locked"),
     Trouble("store's file gone", "The store's file is moved away, and later back.", _renamed_file,
             "file is gone"),
@@ -159,7 +159,7 @@ def _attempt(trouble: Trouble, process: Process, port: int, lines: list[bytes], 
                 meanwhile.start()
                 until(process.problems, 20.0)
                 said, slowest = "; ".join(process.problems()) or "ok", 0.0
-                for path in ("/api/axes", "/api/alarms", "/metrics", "/"):
+                for path in ("/api/axes", "/metrics", "/"):
                     begun = time.monotonic()
                     if process.get(path) is None:
                         wrong.append(f"{path} is not answered meanwhile")
@@ -239,8 +239,8 @@ def report_text(outcomes: Sequence[Outcome], without: Sequence[str]) -> str:
         "its middle on is sent, a third before the trouble, a third while it lasts, a third after it; then "
         "the service is killed (SIGKILL) and started again. *Accepted* are the samples it had taken before "
         "the kill, *lost* those of them that are not there after it. The leak must be found and its alarm "
-        "raised once, health must say what is wrong and then nothing, and page, API and metrics must "
-        "answer meanwhile.",
+        "raised once, health must say what is wrong and then nothing, and page, axes and metrics must "
+        "answer meanwhile. (The list of alarms is the store's: without it that says 503, and why.)",
         "",
         *table(head, cells, "lllrrrl"),
         *(f"Left out: {name} (needs root, to mount a small disk)." for name in without),
