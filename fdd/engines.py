@@ -51,6 +51,7 @@ def map_unordered(
     [(0, 1), (1, 3)]
     """
     if engine == "ray":
+        ray_package()
         return _over_ray(function, jobs, workers)
     workers = min(workers or os.cpu_count() or 1, len(jobs))
     return _over_processes(function, jobs, workers, begin) if workers > 1 else _here(function, jobs)
@@ -107,12 +108,12 @@ def _over_ray(
             ray.shutdown()
 
 
-def connected(**given: Any) -> tuple[Any, bool]:
-    """The module ray, connected to a cluster, and whether that was done here; `given` is for `ray.init`.
+def ray_package() -> Any:
+    """The module ray.
 
     Raises
     ------
-    InputError : Ray is not installed, or there is no cluster at RAY_ADDRESS.
+    InputError : it is not installed.
     """
     # Ray tells its makers how it is used unless it is told not to.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
@@ -120,6 +121,17 @@ def connected(**given: Any) -> tuple[Any, bool]:
         import ray
     except ModuleNotFoundError:
         raise InputError("the engine ray needs the package ray", mend="install fdd[ray]") from None
+    return ray
+
+
+def connected(**given: Any) -> tuple[Any, bool]:
+    """The module ray, connected to a cluster, and whether that was done here; `given` is for `ray.init`.
+
+    Raises
+    ------
+    InputError : Ray is not installed, or there is no cluster at RAY_ADDRESS.
+    """
+    ray = ray_package()
     began = not ray.is_initialized()
     if began:
         address = os.environ.get("RAY_ADDRESS")

@@ -89,12 +89,13 @@ def generate(
         for unit in range(recipe.units)
         for name in _names(recipe)
     ]
+    # First of all, as an engine that is not there is to leave no folder.
+    made = map_unordered(partial(make_run, recipe, directory), jobs, engine=engine, workers=workers)
     with written(directory):
         if _begin(recipe, directory):
             progress(len(jobs), len(jobs))
         else:
-            work = partial(make_run, recipe, directory)
-            for done, _ in enumerate(map_unordered(work, jobs, engine=engine, workers=workers), 1):
+            for done, _ in enumerate(made, 1):
                 progress(done, len(jobs))
             _finish(recipe, directory)
         if not (directory / dataset.SUMS).is_file():
