@@ -36,7 +36,7 @@ baseline: false
 """
 
 
-def test_units_and_logs_replace_those_of_the_recipe(run, one_line, tmp_path: Path) -> None:
+def test_units_logs_and_twins_replace_those_of_the_recipe(run, one_line, tmp_path: Path) -> None:
     recipe = tmp_path / "few.yaml"
     recipe.write_text(RECIPE, encoding="utf-8")
     common = ("generate", recipe, "-o", tmp_path / "few", "--workers", 1, "--units", 1, "--logs")
@@ -46,27 +46,18 @@ def test_units_and_logs_replace_those_of_the_recipe(run, one_line, tmp_path: Pat
     assert len(data.logs) == 2 and data.recipe.units == 1 and data.recipe.logs_per_unit == 2
     one_line(run(*common, 3), "another recipe")
     one_line(run("generate", recipe, "-o", tmp_path / "many", "--units", 100_000), "units")
-
-
-def test_twins_on_the_command_line_stand_for_the_recipes(run, one_line, tmp_path: Path) -> None:
-    recipe = tmp_path / "twins.yaml"
     faulty = RECIPE.replace("healthy_share: 1", "healthy_share: 0\nfaults: {pressure_sensor_bias: {}}")
     recipe.write_text(faulty + "twins: true\n", encoding="utf-8")
     for name, options, made in (("recipe", [], 1), ("none", ["--no-twins"], 0), ("asked", ["--twins"], 1)):
         where = ("-o", tmp_path / name, "--workers", 1, "--units", 1, "--logs", 1)
-        result = run("generate", recipe, *where, *options)
-        assert result.exit_code == 0, result.stderr
+        assert run("generate", recipe, *where, *options).exit_code == 0
         data = Dataset.load(tmp_path / name)
         assert data.recipe.twins is bool(made) and sum(e.twin is not None for e in data.logs) == made
         assert len(list((tmp_path / name).rglob("twin_*"))) == made
-    recipe.write_text(faulty + "twins: maybe\n", encoding="utf-8")
-    one_line(run("generate", recipe, "-o", tmp_path / "maybe"), "twins.yaml", "twins", "maybe")
 
 
 @pytest.mark.parametrize("volume", [None, 0])
-def test_a_base_whose_accumulator_has_no_size_is_told_in_one_line(
-    run, one_line, tmp_path: Path, volume: int | None
-) -> None:
+def test_a_base_whose_accumulator_has_no_size(run, one_line, tmp_path: Path, volume: int | None) -> None:
     """As one would write a partner down: its gas volume left out, or 0."""
     plain = yaml.safe_load(Unit.load("axis_b").to_yaml())
     plain["accumulator"]["gas_volume"] = volume
@@ -79,18 +70,17 @@ def test_a_base_whose_accumulator_has_no_size_is_told_in_one_line(
     one_line(run("generate", recipe, *where), "partner.yaml", "accumulator.gas_volume")
 
 
-def test_an_engine_that_is_not_there_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
-    command = ("generate", ROOT / "datasets" / "smoke.yaml", "-o", tmp_path / "set", "--engine")
-    one_line(run(*command, "cloud"), "cloud")
-    monkeypatch.setitem(sys.modules, "ray", None)
-    one_line(run(*command, "ray"), "install fdd[ray]")
-
-
-def test_train_refuses_what_is_no_data_set(run, one_line, tmp_path: Path) -> None:
+def test_what_cannot_be_generated_or_trained_on_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
     (tmp_path / "set").mkdir()
     one_line(run("train", tmp_path / "set", "-o", tmp_path / "model"), str(tmp_path / "set"))
     one_line(run("train", tmp_path / "none", "-o", tmp_path / "model"), "none")
-    assert not (tmp_path / "model").exists()
+    (tmp_path / "twins.yaml").write_text(RECIPE + "twins: maybe\n", encoding="utf-8")
+    one_line(run("generate", tmp_path / "twins.yaml", "-o", tmp_path / "x"), "twins.yaml", "twins", "maybe")
+    command = ("generate", ROOT / "datasets" / "smoke.yaml", "-o", tmp_path / "x", "--engine")
+    one_line(run(*command, "cloud"), "cloud")
+    monkeypatch.setitem(sys.modules, "ray", None)
+    one_line(run(*command, "ray"), "install fdd[ray]")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["set", "twins.yaml"]
 
 
 def test_confusion_table_fits_80_columns() -> None:
@@ -138,9 +128,7 @@ def test_a_classifier_speaks_beside_the_answer_and_changes_nothing_in_it(
     assert healthy["second_opinion"]["answer"] == "healthy"
 
 
-def test_classifiers_that_do_not_suit_are_refused(
-    run, one_line, logs: dict[str, Path], tmp_path: Path
-) -> None:
+def test_classifiers_that_do_not_suit(run, one_line, logs: dict[str, Path], tmp_path: Path) -> None:
     model = FaultClassifier(folds=0).fit([[0.0], [1.0]], ["healthy", "leakage"])
     for name, features, window in (("windows", ["duration"], 5.0), ("unknown", ["misfit_none"], None)):
         stored = StoredClassifier(model, features, "family", window, "x", "0", {}, {})

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from fdd import __version__
 from fdd.cli.diagnose import output_paths
 from fdd.diagnosis.findings import Diagnosis
 from fdd.errors import InputError
@@ -30,11 +29,6 @@ def answers(run, logs, tiny_model_file) -> dict[str, dict]:
         assert result.exit_code == 0 and result.stderr == ""
         out[name] = json.loads(result.stdout)
     return out
-
-
-def test_version_and_help(run) -> None:
-    assert run("--version").stdout == f"fdd {__version__}\n"
-    assert "Usage" in run("monitor", "--help").stdout
 
 
 def test_simulated_mcap_carries_truth_unit_and_scenario(logs) -> None:
@@ -115,18 +109,15 @@ def test_outputs_for_several_logs(tmp_path: Path) -> None:
             output_paths(pattern, many, ".html", "--report")
 
 
-def test_the_profile_in_the_log_is_used_unless_one_is_given(run, tiny_model_file, tmp_path: Path) -> None:
+def test_the_logs_profile_is_used_unless_one_is_given(run, logs, tiny_model_file, tmp_path: Path) -> None:
     path = tmp_path / "b.mcap"
     assert run("simulate", "-o", path, "--unit", "axis_b", "--duration", 6, "--no-truth").exit_code == 0
     model = ["--model", tiny_model_file, "--json", "-"]
     assert json.loads(run("diagnose", path, *model).stdout)["unit"] == "axis_b"
     assert json.loads(run("diagnose", path, "--unit", "axis_a", *model).stdout)["unit"] == "axis_a"
     assert open_log(path).topics == ["/eha/axis_b/measurement"]
-
-
-def test_without_any_profile_it_says_which_was_taken(run, logs, tiny_model_file) -> None:
-    answer = json.loads(run("diagnose", logs["csv"], "--model", tiny_model_file, "--json", "-").stdout)
-    assert answer["unit"] == "axis_a"
+    answer = json.loads(run("diagnose", logs["csv"], *model).stdout)
+    assert answer["unit"] == "axis_a", "a table has none"
     assert any("no unit profile given: taken for axis_a" in n for n in answer["quality"]["notes"])
 
 

@@ -14,11 +14,14 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from mcap.writer import Writer
 
 from fdd.cli.which_logs import file_names, find_logs, names_of
 from fdd.errors import InputError
+from fdd.logs import read_log
 from fdd.logs.formats import suffixes
 from fdd.offline.diagnoser import utc
+from fdd.unit import Unit
 
 MAIN = [sys.executable, "-c", "from fdd.cli import main; main()"]
 
@@ -94,7 +97,7 @@ def test_names_that_collide_are_kept_apart(tmp_path: Path) -> None:
     assert len({n.lower() for n in names}) == 3 and not any(c in n for n in names for c in '/\\"?')
 
 
-def test_a_folder_of_logs_makes_a_folder_of_answers(one_folder: Path, folder: Path) -> None:
+def test_a_folder_of_logs_makes_a_folder_of_answers(one_folder: Path, folder: Path, tiny_model) -> None:
     answers = answers_of(one_folder)
     assert [a["log"] for a in answers] == ["bad.csv", "day1/run.csv", "run.mcap", "day2/run.csv"]
     assert [a["verdict"] for a in answers] == ["inconclusive", "faulty", "healthy", "faulty"]
@@ -103,48 +106,32 @@ def test_a_folder_of_logs_makes_a_folder_of_answers(one_folder: Path, folder: Pa
     assert "bad.csv" in bad["error"] and "\n" not in bad["error"]
     assert set(bad) == {*answers[1], "error"} and set(bad["estimates"]) == set(answers[1]["estimates"])
     assert set(bad["probabilities"]) == set(answers[1]["probabilities"])
+    files = [folder / "bad.csv", folder / "day1/run.csv", folder / "day1/run.mcap", folder / "day2/run.csv"]
+    assert [a["sha256"] for a in answers] == [{"log": sha256(f), "model": tiny_model.sha256} for f in files]
+    assert answers[1]["versions"] == {"fdd": "0.1.0", "model": "fdd.model/3"}
     pages = {p.name for p in (one_folder / "reports").iterdir()}
     assert pages == {"day1-run.csv.html", "run.mcap.html", "day2-run.csv.html", "plotly.min.js"}
-    for page in (one_folder / "reports").glob("*.html"):
-        assert page.stat().st_size < 500_000
+    assert all(page.stat().st_size < 500_000 for page in (one_folder / "reports").glob("*.html"))
     table = pd.read_csv(one_folder / "summary.csv")
     assert set(table["log"]) == {a["log"] for a in answers}
-    for link in table["report"].dropna():
-        assert (one_folder / link).is_file()
+    assert all((one_folder / link).is_file() for link in table["report"].dropna())
     index = (one_folder / "index.html").read_text("utf-8")
     assert all(f'href="reports/{name}"' in index for name in pages if name.endswith(".html"))
 
 
-def test_answers_tell_what_they_were_made_of(one_folder: Path, folder: Path, tiny_model) -> None:
-    answers = answers_of(one_folder)
-    files = [folder / "bad.csv", folder / "day1/run.csv", folder / "day1/run.mcap", folder / "day2/run.csv"]
-    assert [a["sha256"]["log"] for a in answers] == [sha256(f) for f in files]
-    assert {a["sha256"]["model"] for a in answers} == {tiny_model.sha256}
-    assert all(set(a["sha256"]) == {"log", "model"} for a in answers)
-    assert answers[1]["versions"] == {"fdd": "0.1.0", "model": "fdd.model/3"}
-
-
 def test_map_profile_and_start_are_told(run, logs, tiny_model_file, tmp_path: Path) -> None:
-    from mcap.writer import Writer
-
-    from fdd.logs import read_log
-    from fdd.unit import Unit
-
-    samples = read_log(logs["leaking"]).samples
-    start = 1_700_000_000_250_000_000
+    samples, start = read_log(logs["leaking"]).samples, 1_700_000_000_250_000_000
+    names = ("position", "pump_angle", "pressure_difference")
     with (tmp_path / "abs.mcap").open("wb") as stream:
         writer = Writer(stream)
         writer.start()
         schema = writer.register_schema("m", "jsonschema", b'{"type":"object"}')
         channel = writer.register_channel("/rig", "json", schema)
         for k, t in enumerate(samples.time):
-            row = {n: float(samples[n][k]) for n in ("position", "pump_angle", "pressure_difference")}
-            text = json.dumps(row).replace("NaN", "null").encode()
+            text = json.dumps({n: float(samples[n][k]) for n in names}).replace("NaN", "null").encode()
             writer.add_message(channel, start + round(t * 1e9), text, start + round(t * 1e9))
         writer.finish()
-    names = ("position", "pump_angle", "pressure_difference")
-    lines = [f"{n}: {{topic: /rig, field: {n}}}\n" for n in names]
-    (tmp_path / "map.yaml").write_text("".join(lines))
+    (tmp_path / "map.yaml").write_text("".join(f"{n}: {{topic: /rig, field: {n}}}\n" for n in names))
     Unit.load("axis_a").save(tmp_path / "unit.yaml")
     out = tmp_path / "answer.json"
     result = run("diagnose", tmp_path / "abs.mcap", "--map", tmp_path / "map.yaml", "--unit",
@@ -176,19 +163,18 @@ def test_workers_change_nothing(run, folder: Path, one_folder: Path, tiny_model_
     assert healthy == {**wanted["run.mcap"], "log": "other.mcap"}
 
 
-def test_a_single_bad_log_writes_nothing(run, one_line, folder: Path, tmp_path: Path) -> None:
+def test_a_single_bad_log_writes_nothing_and_a_folder_of_something_else_is_left_alone(
+    run, one_line, folder: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "none"
     one_line(run("diagnose", folder / "bad.csv", "-o", out, "--exit-code"), "bad.csv")
     assert not out.exists()
-
-
-def test_a_folder_of_something_else_is_left_alone(run, one_line, folder: Path, tmp_path: Path) -> None:
     one_line(run("diagnose", folder, "-o", folder / "day1"), "not empty")
     one_line(run("diagnose", folder, "--resume"), "--output")
 
 
 def test_resume_works_only_what_is_new(
-    run, one_folder: Path, folder: Path, tiny_model_file, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run, one_folder: Path, folder: Path, tiny_model_file, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import fdd.logs
 
@@ -262,7 +248,7 @@ def test_an_error_of_our_own_ends_one_log_only(run, logs, tiny_model_file, monke
 
 @pytest.mark.skipif(os.name == "nt", reason="sends a signal to a group of processes")
 @pytest.mark.slow
-def test_what_was_finished_survives_an_interrupt(run, logs, tiny_model_file, tmp_path: Path) -> None:
+def test_what_was_finished_survives_an_interrupt(logs, tiny_model_file, tmp_path: Path) -> None:
     runs, out = tmp_path / "runs", tmp_path / "out"
     runs.mkdir()
     for k in range(60):

@@ -83,10 +83,6 @@ def test_a_leakage_that_grows_over_twelve_logs(run, told) -> None:
     least, most = leakage["until_limit_interval"]
     assert least < (1.0 / 0.04 - 11) * EVERY_DAYS < most
     assert [t["direction"] for t in others] == [None] * len(others)
-
-
-def test_the_folder_has_a_table_and_a_page(told, life: Path) -> None:
-    _, out = told
     assert sorted(p.name for p in out.iterdir()) == ["index.html", "plotly.min.js", "trend.csv", "trend.json"]
     with (out / "trend.csv").open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.DictReader(file))

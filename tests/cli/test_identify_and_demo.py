@@ -36,24 +36,19 @@ def made(run, healthy_strokes, tmp_path_factory: pytest.TempPathFactory):
     return run("identify", healthy_strokes, "--json", out.with_suffix(".json"), "-o", out), out
 
 
-def test_identify_says_first_whether_the_profile_is_usable(run, made, healthy_strokes) -> None:
+def test_identify_says_whether_the_profile_is_usable_and_where_it_comes_from(made, healthy_strokes) -> None:
     result, out = made
     assert result.exit_code == 0, result.stderr
     unit, truth = Unit.load(out), Unit.load("axis_a")
     assert result.stdout.splitlines()[0].startswith("usable")
-    assert "one log" in result.stdout
     assert unit.pump.total_leakage == pytest.approx(truth.pump.total_leakage, rel=0.3)
     assert unit.baseline is not None and 15.0 < unit.baseline.seconds <= 21.0
     assert unit.pump.std_of("cross_port_leakage") is not None
-    for word in ("before", "± (95 %)", "cm³/turn", "identified"):
+    for word in ("one log", "before", "± (95 %)", "cm³/turn", "identified"):
         assert word in result.stdout
     for word in ("NIS", "likelihood", "resolution"):
         assert word not in result.stdout
-
-
-def test_a_profile_says_where_it_comes_from(made, healthy_strokes) -> None:
-    _, out = made
-    unit, digest = Unit.load(out), hashlib.sha256(healthy_strokes.read_bytes()).hexdigest()
+    digest = hashlib.sha256(healthy_strokes.read_bytes()).hexdigest()
     assert unit.origin is not None and unit.origin.logs == {digest: healthy_strokes.name}
     assert unit.origin.base == "axis_a" and not unit.origin.accepted
     hashed = hashlib.sha256(digest.encode()).hexdigest()[:8]
@@ -65,11 +60,11 @@ def test_the_data_say_what_the_table_says(made) -> None:
     data = json.loads(out.with_suffix(".json").read_text())
     assert data["schema"] == "fdd.identification/1" and data["verdict"] == "usable"
     assert result.stdout.splitlines()[0] == data["sentence"]
-    unit = Unit.load(out)
     row = next(r for r in data["table"] if r["quantity"] == "pump.displacement")
-    assert row["after"] == pytest.approx(unit.pump.displacement, rel=1e-6) and row["word"] == "identified"
+    assert row["after"] == pytest.approx(Unit.load(out).pump.displacement, rel=1e-6)
     shown = re.search(r"pump displacement +3\.5 +([\d.]+)", result.stdout)
     assert shown and float(shown[1]) == pytest.approx(row["after"] * 2e6 * math.pi, rel=1e-3)
+    assert row["word"] == "identified"
 
 
 def test_verbose_shows_the_sensors(run, healthy_strokes, tmp_path: Path) -> None:
@@ -96,7 +91,7 @@ def test_a_leaking_log_is_added_only_where_it_is_accepted(run, one_line, made, t
     assert unit.pump == before.pump
 
 
-def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, made, logs, tmp_path) -> None:
+def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, made, tmp_path) -> None:
     out = tmp_path / "unit.yaml"
     one_line(run("identify", tmp_path / "none.mcap", "-o", out), "none.mcap", "no such file")
     one_line(run("identify", healthy_strokes, "--base", "axis_z", "-o", out), "axis_z")

@@ -62,19 +62,7 @@ def test_people_get_a_line_per_finding_and_a_summary(run, logs, tiny_model_file,
     assert "Leakage coefficient" in result.stdout
 
 
-def test_state_goes_on_where_it_was(run, logs, tiny_model_file, offline, tmp_path: Path) -> None:
-    state = tmp_path / "axis.npz"
-    common = [logs["leaking"], "--model", tiny_model_file, "--speed", "max", "--json", "--state", state]
-    first = events(run("monitor", *common, "--duration", 9).stdout)[-1]["diagnosis"]
-    assert first["duration_s"] == pytest.approx(9.0, abs=0.01)
-    second = events(run("monitor", *common).stdout)
-    assert second[-1]["diagnosis"]["faults"] == offline["faults"]
-    assert any("seen before" in e.get("text", "") for e in second)
-
-
-def test_a_stream_goes_on_with_the_clock_that_it_had(
-    run, logs, tiny_model_file, offline, tmp_path: Path
-) -> None:
+def test_a_stream_goes_on_with_its_clock(run, logs, tiny_model_file, offline, tmp_path: Path) -> None:
     lines = stream_of(logs["leaking"]).splitlines(keepends=True)
     half = len(lines) // 2
     common = ["-", "--model", tiny_model_file, "--json", "--state", tmp_path / "axis.npz"]
@@ -84,24 +72,16 @@ def test_a_stream_goes_on_with_the_clock_that_it_had(
     assert any("late or repeated" in note for note in second["quality"]["notes"])
 
 
-@pytest.mark.parametrize("speed", ["0", "-1", "fast", "nan", "inf"])
-def test_a_speed_that_is_none_is_refused(run, one_line, logs, speed) -> None:
-    one_line(run("monitor", logs["leaking"], "--speed", speed), "--speed", "max")
-
-
-def test_a_stream_without_the_channels_is_refused(run, one_line, tiny_model_file) -> None:
+def test_what_cannot_be_monitored_is_refused(run, one_line, logs, tiny_model_file) -> None:
+    for speed in ("0", "-1", "fast", "nan", "inf"):
+        one_line(run("monitor", logs["leaking"], "--speed", speed), "--speed", "max")
+    common = ("monitor", "-", "--unit", "axis_a", "--model", tiny_model_file)
+    for came in (b"", b"nonsense\n"):
+        one_line(run(*common, input=came), "standard input", "no samples came")
     lines = b"".join(b'{"time": %f, "position": 0.0}\n' % (0.001 * k) for k in range(1000))
-    result = run("monitor", "-", "--model", tiny_model_file, "--json", input=lines)
+    result, told = run(*common, "--json", input=lines), "standard input: no usable data for pump_angle"
     assert result.exit_code == 2
-    assert result.stderr.splitlines()[-1].startswith(
-        "fdd: error: standard input: no usable data for pump_angle"
-    )
-
-
-@pytest.mark.parametrize("came", [b"", b"nonsense\n"])
-def test_a_stream_without_a_sample_is_refused(run, one_line, tiny_model_file, came) -> None:
-    result = run("monitor", "-", "--unit", "axis_a", "--model", tiny_model_file, input=came)
-    one_line(result, "standard input", "no samples came")
+    assert result.stderr.splitlines()[-1].startswith(f"fdd: error: {told}")
 
 
 @pytest.mark.parametrize("listed", [True, False])

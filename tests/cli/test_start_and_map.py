@@ -139,20 +139,15 @@ def test_an_answered_question_gives_a_map(run, logs, foreign: Path, tmp_path: Pa
         np.testing.assert_allclose(read[channel], wanted[channel], rtol=1e-9, atol=1e-9)
 
 
-def test_an_open_question_is_told_and_nothing_written(run, foreign: Path, tmp_path: Path) -> None:
-    result = run("map", foreign, "-o", tmp_path / "map.yaml")
+def test_open_questions_and_wrong_answers_are_told(run, one_line, foreign: Path, tmp_path: Path) -> None:
+    out = tmp_path / "map.yaml"
+    result = run("map", foreign, "-o", out)
     assert result.exit_code == 2 and "--set pressure=:" in result.stderr and "--yes" in result.stderr
-    assert not (tmp_path / "map.yaml").exists()
-    assert run("map", foreign, "-o", tmp_path / "map.yaml", "--yes").exit_code == 0
-    text = (tmp_path / "map.yaml").read_text()
+    for given, said in (("pressur=:kPa", "did you mean 'pressure"), ("position=x", "no column 'x'")):
+        one_line(run("map", foreign, "-o", out, "--yes", "--set", given), said)
+    assert not out.exists() and run("map", foreign, "-o", out, "--yes").exit_code == 0
+    text = out.read_text()
     assert "In which unit are p1, p2? Assumed: " in text and " assumed" in text
-
-
-@pytest.mark.parametrize(
-    ("given", "said"), [("pressur=:kPa", "did you mean 'pressure"), ("position=x", "no column 'x'")]
-)
-def test_wrong_answers_are_told(run, one_line, foreign: Path, tmp_path: Path, given: str, said: str) -> None:
-    one_line(run("map", foreign, "-o", tmp_path / "map.yaml", "--yes", "--set", given), said)
 
 
 def test_inspect_shows_every_signal(run, logs, foreign: Path) -> None:

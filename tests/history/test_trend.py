@@ -1,19 +1,78 @@
-"""Lives of known course: what is told of them, how often, and what is left out."""
+"""Lives of known course: what is told of them, how often; the line's statistics against closed forms."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+
 import numpy as np
 import pytest
-from lives import DAYS, alarmed, life
 
-from fdd.diagnosis.findings import Diagnosis
+from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality
 from fdd.errors import InputError
 from fdd.history.answers import Life, Trend
 from fdd.history.compare import seen
+from fdd.history.line import fit_line, holm
 from fdd.history.trend import given_limits, severity_one, trend_of
 from fdd.history.view import trend_csv, trend_sheet
 from fdd.report.page import render_sheet
 from fdd.unit import Unit
+
+HEALTHY = {"leakage": 6.5e-12, "bulk_modulus": 2.1e8, "coulomb_friction": 130.0, "viscous_friction": 60.0}
+SI = {"leakage": "m^3/(s*Pa)", "bulk_modulus": "Pa", "coulomb_friction": "N", "viscous_friction": "N*s/m"}
+DAYS = 330.0
+
+
+def made_up_answer(
+    name: str, day: float | None, factors: dict[str, float], stds: dict[str, float], warm: float
+):
+    """An answer whose healthy leakage is exp(`warm`) times that at the reference temperature; `factors` and
+    `stds` are of the healthy value at the log's own temperature."""
+    bases = {**HEALTHY, "leakage": float(np.exp(warm)) * HEALTHY["leakage"]}
+    estimates = {
+        name: Estimate(
+            unit=SI[name], baseline=base, value=factors[name] * base, std=stds[name] * base, observable=True
+        )
+        for name, base in bases.items()
+    }
+    began = None if day is None else datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=day)
+    return Diagnosis(
+        log=name, axis="axis_a", unit="axis_a", duration_s=60.0, samples=60_000, verdict="healthy", faults=[],
+        probabilities={"healthy": 1.0}, estimates=estimates, quality=Quality(),
+        started_at=None if began is None else began.isoformat().replace("+00:00", "Z"),
+    )  # fmt: skip
+
+
+def life(
+    seed: int, growth: float = 0.0, logs: int = 12, *, dated: bool = True,
+    leaks_by: Callable[[float], float] = lambda warm: 1.0,
+) -> list[Diagnosis]:  # fmt: skip
+    """A life in which leakage grows by `growth` of the healthy one, straight, over `DAYS`.
+
+    Every log errs by its own standard deviation, and by 2 % (friction 5 %) from log to log. `leaks_by` is how
+    the leakage differs from the viscosity law, a factor by the log's warmth.
+    """
+    rng = np.random.default_rng(seed)
+    days = np.sort(rng.uniform(0.0, DAYS, logs))
+    days[0], days[-1] = 0.0, DAYS
+    out = []
+    for k, day in enumerate(days):
+        warm = float(rng.normal(0.0, 0.4))
+        stds = {name: float(rng.uniform(0.01, 0.04)) for name in HEALTHY}
+        usual = {name: 0.05 if "friction" in name else 0.02 for name in HEALTHY}
+        factors = {n: 1.0 + float(rng.normal(0.0, stds[n]) + rng.normal(0.0, usual[n])) for n in HEALTHY}
+        factors["leakage"] = (factors["leakage"] + growth * day / DAYS) * leaks_by(warm)
+        out.append(made_up_answer(f"run{k:02d}.mcap", float(day) if dated else None, factors, stds, warm))
+    return out
+
+
+def alarmed(answer: Diagnosis, fault: str, family: str) -> Diagnosis:
+    """The same answer with a fault in it."""
+    finding = FaultFinding(
+        fault=fault, family=family, ambiguity=[fault], confidence=0.9, onset_s=3.0, detected_s=4.0
+    )
+    return answer.model_copy(update={"verdict": "faulty", "faults": [finding]})
+
 
 REPEATS = 200
 LIMITS = given_limits(["leakage=2.5"])
@@ -96,20 +155,15 @@ def test_faults_stand_first_on_no_green_page_and_doubt_about_the_order_is_told()
     assert all(float(c.line.min(initial=0.0)) >= 0.0 for c in trend_of(falling, LIMITS)[1])
 
 
-def test_too_few_logs_or_none_of_another_time_give_no_line() -> None:
-    few = told(life(3, logs=3))
+def test_too_few_logs_or_none_of_another_time_give_no_line_and_several_units_are_refused() -> None:
+    few, same = told(life(3, logs=3)), life(3)
     assert all(t.slope is None and "3 logs" in t.sentence for t in few.trends)
-    same = life(3)
     for answer in same:
         answer.started_at = "2026-01-01T00:00:00Z"
     assert all(t.slope is None for t in told(same).trends)
-
-
-def test_several_units_are_refused_and_so_is_nothing() -> None:
-    answers = life(4)
-    answers[2].unit = "other"
+    same[2].unit = "other"
     with pytest.raises(InputError, match="axis_a, other"):
-        told(answers)
+        told(same)
     with pytest.raises(InputError, match="no log"):
         told([Diagnosis.unreadable("bad.csv", "bad.csv: empty", {})])
 
@@ -153,3 +207,85 @@ def test_the_page_marks_alarms_and_keeps_text_of_logs_text() -> None:
     assert "<script>alert" not in html and html.count('class="plot"') == 4
     undated = life(7, dated=False)
     assert render_sheet(trend_sheet(*trend_of(undated, LIMITS)))
+
+
+TIME = np.linspace(-1.0, 0.0, 12)
+DESIGN = np.column_stack([np.ones(12), TIME])
+
+
+def test_scatter_between_logs_is_the_closed_form_where_all_logs_know_as_much() -> None:
+    values = 1.0 + 0.5 * TIME + np.random.default_rng(1).normal(0.0, 0.1, 12)
+    rest = values - DESIGN @ np.linalg.lstsq(DESIGN, values, rcond=None)[0]
+    residual = float(rest @ rest) / 10.0
+    std = 0.6 * np.sqrt(residual)
+    line = fit_line(values, np.full(12, std), DESIGN)
+    assert line.between == pytest.approx(np.sqrt(residual - std**2), rel=1e-3)
+    assert fit_line(values, np.full(12, 3.0 * np.sqrt(residual)), DESIGN).between == 0.0
+
+
+@pytest.mark.parametrize("std", [1e-3, 0.05, 1.0])
+def test_equal_logs_give_ordinary_least_squares_and_its_t_interval(std: float) -> None:
+    from scipy.stats import linregress, t
+
+    values = 1.0 + 0.5 * TIME + np.random.default_rng(2).normal(0.0, 0.1, 12)
+    plain = linregress(TIME, values)
+    line = fit_line(values, np.full(12, std), DESIGN)
+    low, high = line.interval(1)
+    half = t.ppf(0.975, 10) * plain.stderr
+    assert (low, high) == pytest.approx((plain.slope - half, plain.slope + half), rel=1e-6)
+    assert line.p_value(1) == pytest.approx(plain.pvalue, rel=1e-6)
+
+
+def test_a_log_that_hardly_knows_counts_little() -> None:
+    values, stds = 1.0 + 0.5 * TIME + 0.01 * np.cos(9.0 * TIME), np.full(12, 0.01)
+    wrong = values.copy()
+    wrong[5] += 1.0
+    stds[5] = 10.0
+    good, spoilt = (fit_line(v, stds, DESIGN).coefficients for v in (values, wrong))
+    assert np.abs(good - spoilt).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("tau", "stds", "overstated"), [(0.05, 0.02, 1.0), (0.0, 0.02, 5.0), (0.1, 0.02, 1.0)]
+)
+def test_intervals_hold_the_truth_as_often_as_they_say(tau: float, stds: float, overstated: float) -> None:
+    """Slope at 95 %, time to a level at 80 % (Fieller), whatever the scatter is made of."""
+    held = crossed = 0
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        own = stds * rng.uniform(0.5, 2.0, 12)
+        values = 1.5 + TIME + rng.normal(0.0, tau, 12) + rng.normal(0.0, own)
+        line = fit_line(values, overstated * own, DESIGN)
+        low, high = line.interval(1)
+        held += low < 1.0 < high
+        found = line.crossing(2.5)
+        assert found is not None
+        crossed += found[1] < 1.0 < found[2]
+    # Binomial, 2.6 standard deviations either side.
+    assert abs(held / 300 - 0.95) < 0.033
+    assert abs(crossed / 300 - 0.80) < 0.060
+
+
+@pytest.mark.parametrize("n", [4, 6])
+def test_few_logs_that_know_unequally_much_show_no_slope_but_one_in_twenty(n: int) -> None:
+    """Where τ is found to be 0, the log that says it knows best bends the line."""
+    design = np.column_stack([np.ones(n), np.linspace(-1.0, 0.0, n)])
+    told = 0
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        stds = 0.04 * np.exp(rng.standard_normal(n))
+        values = 1.0 + rng.normal(0.0, 0.05, n) + rng.normal(0.0, stds)
+        told += fit_line(values, stds, design, between=0.05).p_value(1) < 0.05
+    # Binomial, 2.6 standard deviations; without the least τ it is 0.12.
+    assert told / 400 < 0.05 + 0.028
+
+
+def test_a_slope_that_is_not_told_comes_to_no_level() -> None:
+    values = 1.0 + np.random.default_rng(4).normal(0.0, 0.1, 12)
+    assert fit_line(values, np.full(12, 0.1), DESIGN).crossing(5.0) is None
+
+
+def test_holms_rule_on_a_worked_example() -> None:
+    """Five p values and what R's p.adjust(method="holm") makes of them."""
+    assert holm([0.01, 0.02, 0.03, 0.04, 0.05]) == pytest.approx([0.05, 0.08, 0.09, 0.09, 0.09])
+    assert holm([0.6, 0.001]) == pytest.approx([0.6, 0.002]) and holm([]) == []

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import threading
+import time
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +18,7 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.monitor import Event, Found, JsonLines, LineParser, Noted, Replay, Status, watch
 from fdd.monitor.clock import WallClock
-from fdd.monitor.state import load_state, save_state
+from fdd.monitor.state import CLOCK, load_state, save_state
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -67,42 +70,36 @@ def test_json_lines_give_the_offline_findings(pipeline, leaking_lines, offline) 
     assert answer.quality.nan_samples > 0 and answer.quality.dropped_samples > 0
 
 
-def test_a_finding_comes_with_its_block_and_not_at_the_end(pipeline, leaking, clock) -> None:
-    seen_at: list[float] = []
+def test_findings_come_with_their_block_and_status_as_often_as_asked(pipeline, leaking, clock) -> None:
+    class Scales:
+        def push(self, samples: Samples) -> list[str]:
+            return ["a gain is odd"] if samples.time[0] == leaking.time[0] else []
+
+    events: list[tuple[float, Event]] = []
     watch(
         Replay(leaking, Quality(), speed=1.0, clock=clock), pipeline,
-        lambda e: seen_at.append(clock.now() - 100.0 - e.time), clock=clock,
+        lambda e: events.append((clock.now() - 100.0, e)), clock=clock, status_every=1.0, scales=Scales(),
     )  # fmt: skip
-    assert len(seen_at) == 1 and 0.0 <= seen_at[0] < 0.3
+    assert [e.text for _, e in events if isinstance(e, Noted)] == ["a gain is odd"]
+    assert isinstance(events[0][1], Noted), "before its findings"
+    (late,) = (now - e.time for now, e in events if isinstance(e, Found))
+    assert 0.0 <= late < 0.3
+    states = [e for _, e in events if isinstance(e, Status)]
+    assert 12 <= len(states) <= 15
+    assert states[0].verdict == "inconclusive" and states[-1].verdict == "faulty"
+    assert states[-1].probabilities["leakage"] > 0.5
+    assert sum(states[-1].probabilities.values()) == pytest.approx(1.0, abs=0.01)
 
 
 def test_duration_and_stop_end_it(unit, tiny_model, leaking, clock) -> None:
     def answer(**options) -> Diagnosis:
         source = Replay(leaking, Quality(), speed=1.0, clock=clock)
-        return watch(
-            source,
-            Pipeline(unit, tiny_model, keep_trajectories=False),
-            lambda e: None,
-            clock=clock,
-            **options,
-        )
+        pipeline = Pipeline(unit, tiny_model, keep_trajectories=False)
+        return watch(source, pipeline, lambda e: None, clock=clock, **options)
 
     assert answer(duration=6.0).duration_s == pytest.approx(6.0, abs=0.01)
     started = clock.now()
     assert answer(stopped=lambda: clock.now() - started > 3.0).duration_s == pytest.approx(3.0, abs=0.3)
-
-
-def test_status_comes_as_often_as_asked(pipeline, leaking, clock) -> None:
-    events: list[Event] = []
-    watch(
-        Replay(leaking, Quality(), speed=1.0, clock=clock), pipeline, events.append, clock=clock,
-        status_every=1.0,
-    )  # fmt: skip
-    states = [e for e in events if isinstance(e, Status)]
-    assert 12 <= len(states) <= 15
-    assert states[0].verdict == "inconclusive" and states[-1].verdict == "faulty"
-    assert states[-1].probabilities["leakage"] > 0.5
-    assert sum(states[-1].probabilities.values()) == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_silent_stream_can_be_stopped(pipeline) -> None:
@@ -120,24 +117,21 @@ def test_a_silent_stream_can_be_stopped(pipeline) -> None:
     assert answer.verdict == "inconclusive" and answer.samples == 0
 
 
-def test_an_error_of_the_stream_is_told(pipeline, clock) -> None:
-    def broken(most: int) -> bytes:
-        raise OSError("the line was cut")
-
-    with pytest.raises(OSError, match="the line was cut"):
-        watch(JsonLines(broken, LineParser(), clock=clock), pipeline, lambda e: None, clock=clock)
-
-
-def test_remarks_become_events(pipeline, clock) -> None:
-    text = iter([b'bad\n{"time": 0, "position": 0}\n', b""])
-    events: list[Event] = []
+def test_remarks_become_events_and_an_error_of_the_stream_is_told(pipeline, clock) -> None:
+    text, events = iter([b'bad\n{"time": 0, "position": 0}\n', b""]), list[Event]()
     source = JsonLines(lambda most: next(text), LineParser(), clock=clock)
     watch(source, pipeline, events.append, clock=clock)
     assert len(events) == 1 and isinstance(events[0], Noted) and "malformed" in events[0].text
 
+    def broken(most: int) -> bytes:
+        raise OSError("the line was cut")
+
+    with pytest.raises(OSError, match="the line was cut"):
+        watch(JsonLines(broken, LineParser(), clock=clock), pipeline, events.append, clock=clock)
+
 
 @pytest.mark.parametrize("stop_at", [0.2, 3.0, 8.0])
-def test_it_goes_on_from_a_saved_state(
+def test_a_saved_state_goes_on(
     unit, tiny_model, leaking, offline, clock, tmp_path: Path, stop_at: float
 ) -> None:
     path = tmp_path / "axis.npz"
@@ -179,38 +173,79 @@ def test_a_restored_pipeline_is_the_one_that_went_on(unit, tiny_model, leaking) 
     assert [f.family for f in found] == ["leakage"]
 
 
-@pytest.mark.parametrize("damage", ["text", "empty", "cut", "pickle", "strange"])
-def test_a_damaged_state_is_refused(pipeline, leaking, tmp_path: Path, damage: str) -> None:
-    path = tmp_path / "axis.npz"
+@pytest.fixture
+def kept(pipeline: Pipeline, leaking: Samples, tmp_path: Path) -> Path:
+    """The state of a pipeline that has had two seconds."""
     pipeline.push(leaking.rows(0, 2000))
-    save_state(path, pipeline, last_time=2.0, offset=0.0)
-    content = path.read_bytes()
+    save_state(tmp_path / "axis.npz", pipeline, last_time=2.0, offset=7.0)
+    return tmp_path / "axis.npz"
+
+
+class Runs:
+    """What a pickle may do where it is read."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return os.mkdir, (str(self.path),)
+
+
+@pytest.mark.parametrize("damage", ["text", "empty", "cut", "pickle", "strange", "another unit", "large"])
+def test_a_state_that_cannot_be_used_is_refused_and_runs_nothing(
+    pipeline: Pipeline, kept: Path, tiny_model: Model, damage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert load_state(kept, pipeline) == (2.0, 7.0)
+    content, made, words = kept.read_bytes(), kept.with_name("made"), "not a monitor's state"
     if damage in ("text", "empty", "cut"):
-        path.write_bytes({"text": b"hello", "empty": b"", "cut": content[: len(content) // 2]}[damage])
+        kept.write_bytes({"text": b"hello", "empty": b"", "cut": content[: len(content) // 2]}[damage])
     elif damage == "pickle":
-        np.savez(path, allow_pickle=True, pipeline=np.array([{"a": 1}], dtype=object))
-    else:
-        np.savez(path, pipeline=np.zeros(3))
-    with pytest.raises(InputError) as refused:
-        load_state(path, pipeline)
-    assert str(path) in str(refused.value) and "\n" not in str(refused.value)
+        arrays: dict[str, Any] = {**pipeline.state(), CLOCK: np.array([2.0, 0.0])}
+        np.savez(kept, allow_pickle=True, **arrays, more=np.array([Runs(made)], dtype=object))
+    elif damage == "strange":
+        np.savez(kept, pipeline=np.zeros(3))
+    elif damage == "another unit":
+        pipeline, words = Pipeline(Unit.load("axis_b"), tiny_model), "unit 'axis_a'"
+    else:  # all that is in it together, though each part is small
+        monkeypatch.setattr("fdd.monitor.state.MAX_STATE_BYTES", len(content) // 2)
+        words = "bytes, at most"
+    with pytest.raises(InputError, match=words) as refused:
+        load_state(kept, pipeline)
+    assert str(kept) in str(refused.value) and "\n" not in str(refused.value) and not made.exists()
 
 
-def test_a_state_of_another_unit_is_refused(pipeline, tiny_model, leaking, tmp_path: Path) -> None:
-    path = tmp_path / "axis.npz"
-    pipeline.push(leaking.rows(0, 2000))
-    save_state(path, pipeline, last_time=2.0, offset=0.0)
-    with pytest.raises(InputError, match="unit 'axis_a'"):
-        load_state(path, Pipeline(Unit.load("axis_b"), tiny_model))
+def test_the_wall_clock_waits_and_stops_waiting() -> None:
+    stop = threading.Event()
+    clock = WallClock(stop)
+    before = clock.now()
+    clock.sleep(-1.0)
+    clock.sleep(0.05)
+    assert 0.05 <= clock.now() - before < 5.0
+    threading.Timer(0.05, stop.set).start()
+    began = time.monotonic()
+    clock.sleep(30.0)
+    assert time.monotonic() - began < 15.0
 
 
-def test_what_is_said_of_a_streams_scales_comes_once_before_its_findings(pipeline, leaking, clock) -> None:
-    class Scales:
-        def push(self, samples: Samples) -> list[str]:
-            return ["a gain is odd"] if samples.time[0] == leaking.time[0] else []
+def test_a_long_hole_is_waited_through_in_steps(clock: Any) -> None:
+    """So that a display stays alive; the log still takes as long as it took."""
+    stamps = np.concatenate([np.arange(100) * 0.01, 6.0 + np.arange(100) * 0.01])
+    log = Samples(stamps, {"position": np.zeros(200)})
+    blocks = list(Replay(log, Quality(), speed=2.0, clock=clock))
+    assert Samples.concatenate([b for b in blocks if len(b)]).time.tolist() == stamps.tolist()
+    empty = sum(not len(b) for b in blocks)
+    assert 20 <= empty <= 26, "half of five seconds, each tenth of a second"
+    assert max(clock.slept) <= 0.2 + 1e-9
+    assert clock.now() - 100.0 == pytest.approx(stamps[-1] / 2.0)
 
-    events: list[Event] = []
-    source = Replay(leaking, Quality(), speed=None, clock=clock)
-    watch(source, pipeline, events.append, clock=clock, scales=Scales())
-    assert [e.text for e in events if isinstance(e, Noted)] == ["a gain is odd"]
-    assert isinstance(events[0], Noted)
+
+def test_the_state_is_saved_each_minute_where_nothing_else_is_asked(
+    unit: Unit, tiny_model: Model, leaking: Samples, clock: Any
+) -> None:
+    saved: list[float] = []
+    watch(
+        Replay(leaking, Quality(), speed=0.1, clock=clock),
+        Pipeline(unit, tiny_model, keep_trajectories=False),
+        lambda e: None, clock=clock, save=saved.append,
+    )  # fmt: skip
+    assert saved == pytest.approx([6.0, 12.0, leaking.time[-1]], abs=0.2)
