@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from estimators.eha import layout
 from estimators.observability import Drift, Observability, Observed
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
-from fdd.residuals.tracking import Channels, Tracking, estimates, new_watch, watched
+from fdd.residuals.tracking import OBSERVABLE, Channels, Tracking, estimates, new_watch, watched
 from fdd.unit import Unit
 
 PARTS = ("valid", "information_std", "held", "held_std", "age")
@@ -272,3 +273,61 @@ def test_leakage_is_not_called_valid_while_a_valves_leakage_could_be_it(seed: in
     after = int(np.searchsorted(f.time, 10.0))
     assert f.seen["leakage"].held[after] == pytest.approx(truth[after], rel=0.1)
     assert f.seen["leakage"].held_std[after] > f.stds["leakage"][int(np.searchsorted(f.time, 7.9))]
+
+
+def standstill_blocks(simulation: Simulation, noise: np.ndarray, until: float) -> Any:
+    """The last 20 s over and over, without seams, each time with fresh noise of the sensors."""
+    truth, rng = simulation.truth, np.random.default_rng(8)
+    n, start = 20_000, simulation.samples.time[-1]
+    columns = {
+        layout.POSITION: "position", layout.ANGLE: "pump_angle", layout.PRESSURE_1: "pressure_1",
+        layout.PRESSURE_2: "pressure_2", layout.DIFFERENCE: "pressure_difference",
+        layout.ACCUMULATOR: "pressure_accumulator",
+    }  # fmt: skip
+    for k in range(round((until - start) / 20.0)):
+        block = np.full((n, layout.COLUMNS), np.nan)
+        block[:, layout.TIME] = start + 20.0 * k + 1e-3 * np.arange(1, n + 1)
+        block[:, layout.VISCOSITY] = noise[-1, layout.VISCOSITY]
+        for column, name in columns.items():
+            last = truth[name][-n:]
+            step = last[-1] - truth[name][-n - 1]  # over the 20 s
+            if name == "pump_angle":  # it goes on turning against the leakage
+                exact = last + step * (k + 1.0)
+            else:
+                exact = last - step * np.arange(1, n + 1) / n + step
+            sensor = unit().sensor(name)
+            rough = exact + sensor.noise * rng.normal(size=n)
+            block[:, column] = (
+                np.round(rough / sensor.resolution) * sensor.resolution if sensor.resolution else rough
+            )
+        yield block
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("method", "load", "until"),
+    [("ekf", {"name": "constant", "level": 1500.0}, 3600.0), ("svsf", {"name": "none"}, 900.0)],
+)
+def test_an_hour_at_standstill_moves_no_estimate_by_more_than_one_std(
+    method: str, load: dict, until: float
+) -> None:
+    simulation = run(60.0, MOVES, load=load)
+    f = Followed(simulation, method)
+    rest = int(np.searchsorted(f.time, 20.0))
+    settled = {name: value[rest] for name, value in f.values.items()}
+    held = {name: f.watch.latest()[name].held[0] for name in OBSERVABLE}
+    invalid = [name for name in OBSERVABLE if not f.watch.latest()[name].valid[0]]
+    assert "bulk_modulus" in invalid and "coulomb_friction" in invalid
+    most = dict.fromkeys(OBSERVABLE, 0.0)
+    for block in standstill_blocks(simulation, f.tracking.block(simulation.samples), until):
+        f.push(block)
+        for name, value in f.values.items():
+            most[name] = max(most[name], float((np.abs(value - settled[name]) / f.stds[name]).max()))
+    assert f.time[-1] == pytest.approx(until, abs=0.1)
+    assert max(most.values()) < 1.0, most
+    for name in ("bulk_modulus", "coulomb_friction"):
+        seen = f.watch.latest()[name]
+        assert not seen.valid[0]
+        assert seen.held[0] == held[name]
+        assert seen.age[0] > until - 60.0
+        assert seen.information_std[0] > 100.0 * f.stds[name][-1]
