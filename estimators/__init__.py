@@ -6,12 +6,10 @@ tracker are in :mod:`estimators.eha`; compiled loops call :mod:`estimators.kerne
 
 from estimators.consistency import nees_band, nis_band, nis_test, squared_distance, standardised
 from estimators.ekf import ExtendedKalmanFilter, jacobian
-from estimators.imm import IMM
-from estimators.modes import transition_matrix
 from estimators.observability import Drift, Observability, Observed
 from estimators.svsf import SVSF
 
 __all__ = [
-    "IMM", "SVSF", "Drift", "ExtendedKalmanFilter", "Observability", "Observed", "jacobian", "nees_band",
-    "nis_band", "nis_test", "squared_distance", "standardised", "transition_matrix",
+    "SVSF", "Drift", "ExtendedKalmanFilter", "Observability", "Observed", "jacobian", "nees_band",
+    "nis_band", "nis_test", "squared_distance", "standardised",
 ]  # fmt: skip

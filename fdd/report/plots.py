@@ -17,7 +17,7 @@ from fdd.samples import Samples
 
 Column = NDArray[np.float64]
 
-ESTIMATOR_TITLES = {"ekf": "EKF", "svsf": "SVSF", "imm": "IMM"}
+ESTIMATOR_TITLES = {"ekf": "EKF", "svsf": "SVSF"}
 FAMILY_COLOURS = {
     "healthy": "#B9C6CF", "leakage": tr.BLUE, "seal_wear": tr.VERMILLION, "aeration": tr.SKY,
     "check_valve": tr.PURPLE, "relief_valve": tr.YELLOW, "friction": tr.ORANGE, "motor": tr.GREEN,

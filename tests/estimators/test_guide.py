@@ -48,13 +48,14 @@ def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:
         np.testing.assert_allclose(x, kf.x, rtol=1e-10, atol=1e-12)
 
 
-def test_the_guides_bank_does_what_the_guide_says() -> None:
-    shown: dict = {}
-    exec(compile(BLOCKS[3], "README.md", "exec"), shown)
+@pytest.mark.parametrize("made", ["ExtendedKalmanFilter(", "SVSF(psi=0.05, "])
+def test_filterpys_bank_of_our_filters_does_what_the_guide_says(made: str) -> None:
+    shown: dict = {"SVSF": SVSF}
+    exec(compile(BLOCKS[3].replace("ExtendedKalmanFilter(", made), "README.md", "exec"), shown)
     cracked = np.array(shown["mu"])[:, 1] > 0.99
     assert np.flatnonzero(cracked)[0] == 1008
     assert cracked[1008:].all()
-    assert shown["bank"].mode == 1
+    np.testing.assert_allclose(shown["bank"].x[:, 0], np.ravel(shown["filters"][1].x), rtol=0.01)
 
 
 def pushed(make, channels: int, dt: float) -> tuple[np.ndarray, SVSF | ExtendedKalmanFilter]:
