@@ -135,6 +135,9 @@ class BalanceHistory:
                 blocks.append(s._replace(valid=settled(good, balance.settle)))
             early = self._early(name)
             equations = self.regressions[name].equations(blocks)
+            if name == "creep":  # the load that scatters a sliding piston's rows scatters a creeping one's
+                of_force = self.equations["force"][-count:]
+                equations = [e.scattered(f.variance) for e, f in zip(equations, of_force, strict=True)]
             self.equations[name] += equations
             if early:
                 self._marginal[name] = []
@@ -292,7 +295,7 @@ class BalanceHistory:
             for k, part in zip("mvrs", sums, strict=True):
                 out[f"{name}/{k}"] = part
             out[f"{name}/noise"] = np.array([regression.weight, regression.variance_sum])
-            out[f"{name}/level"] = regression.level
+            out[f"{name}/load"] = regression.load
             out[f"{name}/lengths"] = np.array([len(r) for r in regression.recent])
             out[f"{name}/recent"] = (
                 np.concatenate(regression.recent) if regression.recent else np.empty((0, 0))
@@ -321,7 +324,7 @@ class BalanceHistory:
             ]
             self._marginal[name] = []
             regression.weight, regression.variance_sum = (float(x) for x in state[f"{name}/noise"])
-            regression.level = state[f"{name}/level"].copy()
+            regression.load = state[f"{name}/load"].copy()
             ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
             regression.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
