@@ -43,7 +43,7 @@ def _columns(kind: str, lips: tuple[str, ...], unit: Healthy) -> Columns:
     change = _FRICTION[kind] - 1.0
     names = [f"friction{lip}" for lip in lips]
     # A unit whose own friction hardly shows is judged by a fifth of its profile's.
-    return {of: {name: change * max(unit.mean(of, name), 0.2) for name in names} for of in ("force", "creep")}
+    return {"force": {name: change * max(unit.mean("force", name), 0.2) for name in names}}
 
 
 FAULT = Fault(

@@ -135,9 +135,6 @@ class BalanceHistory:
                 blocks.append(s._replace(valid=settled(good, balance.settle)))
             early = self._early(name)
             equations = self.regressions[name].equations(blocks)
-            if name == "creep":  # the load that scatters a sliding piston's rows scatters a creeping one's
-                of_force = self.equations["force"][-count:]
-                equations = [e.scattered(f.variance) for e, f in zip(equations, of_force, strict=True)]
             self.equations[name] += equations
             if early:
                 self._marginal[name] = []
@@ -295,7 +292,7 @@ class BalanceHistory:
             for k, part in zip("mvrs", sums, strict=True):
                 out[f"{name}/{k}"] = part
             out[f"{name}/noise"] = np.array([regression.weight, regression.variance_sum])
-            out[f"{name}/load"] = regression.load
+            out[f"{name}/level"] = regression.level
             out[f"{name}/lengths"] = np.array([len(r) for r in regression.recent])
             out[f"{name}/recent"] = (
                 np.concatenate(regression.recent) if regression.recent else np.empty((0, 0))
@@ -324,7 +321,7 @@ class BalanceHistory:
             ]
             self._marginal[name] = []
             regression.weight, regression.variance_sum = (float(x) for x in state[f"{name}/noise"])
-            regression.load = state[f"{name}/load"].copy()
+            regression.level = state[f"{name}/level"].copy()
             ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
             regression.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()

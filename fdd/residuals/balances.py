@@ -9,7 +9,6 @@ viscosity over the reference's, ω speed, s_i = ±1 for chamber 1 and 2.
 =============  ==========================================================================================
 volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs 3.14 to 3.17), m³
 force          A_1 p_1 - A_2 p_2, by load and friction (eq. 3.30 and 5.12), over Coulomb friction
-creep          the same below 1 mm/s, where the seal's film is thin
 torque         motor current by shaft torque, friction and inertia (eq. 4.10), over that at relief pressure
 coherence      measured Δp by p_1 and p_2: lines and sensors, over relief pressure
 refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure; where p_c is
@@ -23,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -60,14 +58,11 @@ class RegressionBlock(NamedTuple):
     x: Array
     valid: Flags
     noise: Array | None = None
-    scatter: Array | None = None
-    """(n,) of a row, by what its columns are unsure of: standard deviation."""
 
     def part(self, rows: slice) -> RegressionBlock:
         """Some of its rows."""
         noise = None if self.noise is None else self.noise[rows]
-        scatter = None if self.scatter is None else self.scatter[rows]
-        return RegressionBlock(self.y[rows], self.x[rows], self.valid[rows], noise, scatter)
+        return RegressionBlock(self.y[rows], self.x[rows], self.valid[rows], noise)
 
 
 @dataclass(frozen=True)
@@ -94,8 +89,6 @@ class Balance:
     """Least noise of a row, in its unit."""
     free: tuple[str, ...] = ()
     """Columns of the load or of unmeasured inputs, whose coefficients are free in each log."""
-    load_slope: float = 0.0
-    """Standard deviation of a load's slope beside the spring's, in the balance's unit by that of "spring"."""
     laminar: tuple[str, ...] = ()
     """Columns whose coefficients are proportional to the inverse of the oil's viscosity."""
     viscous: tuple[str, ...] = ()
@@ -184,10 +177,8 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
 
 AERATION = 0.025
 """Free air of severity 1: volume at atmospheric pressure over that of oil."""
-CREEP_M_S = 1e-3
-"""m/s of the film below which a seal creeps: friction is near break-away, and scatters more."""
-DRIVEN_BINS, MOST_GIVEN = 45, 0.25
-"""Bins in which a piston creeps, and the largest share of its way in them by which the oil may give."""
+SLIDING_M_S = 1e-3
+"""m/s of plastic travel from which a seal slides: what it gave before is taken up (see `_friction`)."""
 LAG_S = 0.01
 """s of a pressure behind the piston's motion, by its sensor and by what the load compresses, that the force
 balance counts in."""
@@ -195,9 +186,7 @@ LEAST_DROP = 3e-3
 """Of relief pressure: drop between the chambers that a pressure sensor's noise does not turn round."""
 
 
-@lru_cache(maxsize=1)
-def _forces(q: Quantities) -> tuple[Array, Array]:
-    """Left side and columns of the piston's forces, of which two balances take their rows."""
+def _force(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
     mean_area = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2)
     y = np.where(
@@ -231,43 +220,13 @@ def _forces(q: Quantities) -> tuple[Array, Array]:
         np.maximum(friction, 0.0),
         np.minimum(friction, 0.0),
     ])  # fmt: skip
-    return y, x
-
-
-def _two_late(y: Array, x: Array, valid: Flags, scatter: Array | None = None) -> list[RegressionBlock]:
-    """Rows two bins late, as the acceleration asks for the next two: else the last ones at hand would be
-    lost."""
-    at = np.roll(np.arange(y.size), 2)
-    return [
-        RegressionBlock(
-            y[at], x[at], (valid & np.isfinite(y))[at], None, None if scatter is None else scatter[at]
-        )
-    ]
-
-
-def _force(q: Quantities) -> list[RegressionBlock]:
-    y, x = _forces(q)
     # While the seal sticks or reverses, its force is anywhere below break-away: friction shows in sliding
     # alone.
-    film = q.take["film"]
-    return _two_late(y, x, (np.abs(film) > CREEP_M_S) & (film * (x[:, -2] + x[:, -1]) > 0.0))
-
-
-def _creep(q: Quantities) -> list[RegressionBlock]:
-    y, x = _forces(q)
-    kept = [BALANCES["force"].columns.index(c) for c in BALANCES["creep"].columns[:-2]]
-    soft, hard = (q.take[name] / q.scales.friction for name in ("friction", "friction_hard"))
-    friction = 0.5 * (soft + hard)
-    x = np.column_stack([x[:, kept], np.maximum(friction, 0.0), np.minimum(friction, 0.0)])
-    # A load that moves the piston by what the oil gives turns friction at the same time: neither can be told
-    # from the other. A fast motion's turning point is no creeping: the load that it moved still settles.
-    stiffness = sum(
-        area**2 / (q.chambers[side].oil * (q.chambers[side].stiff + q.chambers[side].air))
-        for side, area in ((1, q.unit.cylinder.area_1), (2, q.unit.cylinder.area_2))
-    )
-    way, push = (np.abs(v - np.roll(v, DRIVEN_BINS)) for v in (q.position, y * q.scales.friction))
-    slow = np.maximum(np.abs(q.take["film"]), way / (DRIVEN_BINS * BIN_S)) < CREEP_M_S
-    return _two_late(y, x, slow & (push < MOST_GIVEN * stiffness * way), np.abs(soft - hard))
+    sliding = np.abs(q.take["sliding"]) > SLIDING_M_S
+    valid = np.isfinite(y) & sliding & (q.take["sliding"] * friction > 0.0)
+    # Two bins late, as the acceleration asks for the next two: else the last ones at hand would be lost.
+    shifted = np.roll(np.arange(y.size), 2)
+    return [RegressionBlock(y[shifted], x[shifted], valid[shifted])]
 
 
 STANDING = 0.02
@@ -434,12 +393,6 @@ BALANCES: dict[str, Balance] = {
             _force, bins_per_row=5,
             free=("load", "load_measured", "spring", "mass", "damping", "throttle", "lag", "lag_flow"),
             floor=0.1,  # of Coulomb friction: trials scatter by 9 % (thesis Table 5.1)
-        ),
-        Balance(
-            "creep", "the creeping piston's forces",
-            ("load", "load_measured", "spring", "lag", "friction_forward", "friction_reverse"),
-            _creep, bins_per_row=5, free=("load", "load_measured", "spring", "lag"),
-            floor=0.1, load_slope=1.5,
         ),
         Balance(
             "torque", "the shaft's torque", ("zero", "pressure", "inertia", "dry", "viscous", "mesh"),

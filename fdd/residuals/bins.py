@@ -38,8 +38,6 @@ TAIL_BINS = 50
 PRESLIDING_TRAVEL_M = 5e-4
 """m, presliding travel of a seal until it breaks away: elastomer seals give 0.1 to 0.5 mm before they
 slide."""
-LEAST_TRAVEL_M = 1e-4
-"""m, the least of it: where both give the same, friction is known."""
 LUBRICATION_LAG_S = 0.03
 """s, lag of the lubricating film, and with it of the falling part of friction, behind the sliding speed: 5 to
 60 ms by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
@@ -60,7 +58,7 @@ FAST = (
     "command", "pump_angle", "pump_speed", "position", "pressure_difference", "pressure_1", "pressure_2",
     "pressure_accumulator", "motor_current", "load_force",
 )  # fmt: skip
-DERIVED = ("friction", "film", "friction_hard", "temperature", "time", "gas_heat", "warming", "mean_pressure")
+DERIVED = ("friction", "sliding", "temperature", "time", "gas_heat", "warming", "mean_pressure")
 NOISY = ("pressure_difference", "pressure_1", "pressure_2")
 COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED, *(f"{n}_noise" for n in NOISY)))}
 NOISE_FRAMES, LEAST_SAMPLES = 20, 20
@@ -81,13 +79,6 @@ plotting positions (1978, doi 10.1016/0022-1694(78)90017-3)."""
 
 
 @njit()
-def _within_yield(tried: float, film: float, forward: Array, reverse: Array) -> float:
-    branch = forward if tried >= 0.0 else reverse
-    most = branch[0] + (branch[1] - branch[0]) * np.exp(-((abs(film) / branch[2]) ** branch[3]))
-    return min(most, max(-most, tried))
-
-
-@njit()
 def _friction(
     step: Array,
     dt: Array,
@@ -95,26 +86,26 @@ def _friction(
     forward: Array,
     reverse: Array,
     stiffness: float,
-    hard: float,
     out: Array,
+    film: Array,
 ) -> None:
     """Prandtl's stop operator whose yield is Stribeck's curve (thesis eq. 5.12): a healthy seal's friction.
 
     Parameters
     ----------
     step : (n,) m of the piston. dt : (n,) s.
-    state : (3,) N, m/s and N: the seal's force, its film's speed, and the force of one that gives less;
-        kept for the next call.
-    forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent. stiffness, hard : N/m of both.
-    out : (n, 3) states.
+    state : (2,) N and m/s, the seal's force and its film's speed; kept for the next call.
+    forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent.
+    out : (n,) N, against extension. film : (n,) m/s, of sliding.
     """
     for k in range(step.size):
         tried = state[0] + stiffness * step[k]
-        state[0] = _within_yield(tried, state[1], forward, reverse)
-        state[2] = _within_yield(state[2] + hard * step[k], state[1], forward, reverse)
+        branch = forward if tried >= 0.0 else reverse
+        most = branch[0] + (branch[1] - branch[0]) * np.exp(-((abs(state[1]) / branch[2]) ** branch[3]))
+        state[0] = min(most, max(-most, tried))
         slid = (tried - state[0]) / stiffness
         state[1] += (slid - state[1] * dt[k]) / (LUBRICATION_LAG_S + dt[k])
-        out[k] = state
+        out[k], film[k] = state[0], state[1]
 
 
 @njit()
@@ -147,7 +138,7 @@ class BinMaker:
     """Index of the first frame not yet given."""
     _first: int = 0
     _waiting: list[Samples] = field(default_factory=list)
-    _seal: Array = field(default_factory=lambda: np.zeros(3))
+    _seal: Array = field(default_factory=lambda: np.zeros(2))
     _last: tuple[float, float] = (np.nan, np.nan)
     _turned: Array = field(default_factory=lambda: np.full(3, np.nan))
     """Time, angle and speed of the last sample: what the pump's missing signal goes on from."""
@@ -382,7 +373,7 @@ class BinMaker:
             np.array([b.coulomb, b.static, b.stribeck_velocity, b.stribeck_exponent])
             for b in (f.forward, f.reverse)
         )
-        out = np.empty((step.size, 3))
+        out, film = np.empty(step.size), np.empty(step.size)
         _friction(
             step,
             dt,
@@ -390,11 +381,10 @@ class BinMaker:
             forward,
             reverse,
             0.5 * (forward[1] + reverse[1]) / PRESLIDING_TRAVEL_M,
-            0.5 * (forward[1] + reverse[1]) / LEAST_TRAVEL_M,
             out,
+            film,
         )
-        for k, name in enumerate(("friction", "film", "friction_hard")):
-            data[known, COLUMNS[name]] = out[:, k]
+        data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
 
 
 def _noise_band(samples: int, rate: float) -> NDArray[np.bool_]:

@@ -37,10 +37,3 @@ class NormalEquations(NamedTuple):
     vector: Array
     rows: float
     variance: float
-
-    def scattered(self, variance: float) -> NormalEquations:
-        """The same with that variance of the rows, where theirs is less."""
-        share = min(self.variance / variance, 1.0)
-        return NormalEquations(
-            self.information * share, self.vector * share, self.rows, self.variance / share
-        )

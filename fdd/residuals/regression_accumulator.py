@@ -15,7 +15,7 @@ from fdd.residuals.balances import Balance, RegressionBlock
 from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
 from fdd.residuals.effects import Effects
 from fdd.residuals.normal_equations import NormalEquations
-from fdd.residuals.sums import RIDGE, add_rows, weight_equations, without_load
+from fdd.residuals.sums import RIDGE, add_rows, weight_equations
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -31,10 +31,8 @@ MOST_COLOUR = 0.95
 NOISE_FLOOR = 0.1
 """Lower bound of the noise over the unit's usual one: at standstill an encoder may show none."""
 LOAD_S = 1.0
-"""s, time constant of the filter that predicts a load: in it the load changes as much as friction does when
-the piston reverses."""
-UNKNOWN = 1e6
-"""Variance of a load that no row has shown yet, over that of a row's noise."""
+"""s, time constant of the high-pass filter against a load: in it the load changes as much as friction does
+when the piston reverses."""
 FIRST_WEIGHT = 100.0
 """Rows that the initial noise counts for."""
 
@@ -57,10 +55,7 @@ class RegressionAccumulator:
         self.usual = effects.noise**2
         self.variance_sum = FIRST_WEIGHT * self.usual
         self.recent: list[Array] = []
-        self.load: Array = np.append(np.zeros(effects.mean.size + 1), UNKNOWN)
-        share = balance.bins_per_row * BIN_S / LOAD_S
-        place = balance.columns.index("spring") if balance.load_slope else 0
-        self.walks = place, balance.load_slope / effects.noise, share**2 / (1.0 - share)
+        self.level: Array = np.zeros((1, effects.mean.size + 1))
 
     def equations(self, blocks: Sequence[RegressionBlock]) -> list[NormalEquations]:
         """Normal equations of frames.
@@ -78,7 +73,7 @@ class RegressionAccumulator:
             ]
         n = self.size
         gram, noise, rows = np.zeros((count, n + 1, n + 1)), np.zeros((count, n, n)), np.zeros(count)
-        for y, x, ok, noisy, _ in blocks:
+        for y, x, ok, noisy in blocks:
             noisy = np.empty((0, 2, n)) if noisy is None else np.ascontiguousarray(noisy)
             y, x = np.ascontiguousarray(y), np.ascontiguousarray(x)
             add_rows(y, x, ok, noisy, TAIL_BINS, LEAST_ROWS, self.balance.cumulative, gram, noise, rows)
@@ -93,7 +88,7 @@ class RegressionAccumulator:
     def _frame_equations(self, blocks: Sequence[RegressionBlock]) -> NormalEquations:
         """Normal equations of one frame whose rows are means of several bins, or spectral lines."""
         n = blocks[0].x.shape[1]
-        parts = [self._rows(b) for b in blocks]
+        parts = [self._rows(y, x, ok) for y, x, ok, _ in blocks]
         rows = np.concatenate(parts) if len(parts) > 1 else parts[0]
         free = float(rows.shape[0])
         if free < LEAST_ROWS // self.balance.bins_per_row:
@@ -151,12 +146,10 @@ class RegressionAccumulator:
         usual = FIRST_WEIGHT / self.balance.bins_per_row
         return max((free * found + usual * self.usual) / (free + usual), self.least)
 
-    def _rows(self, block: RegressionBlock) -> Array:
+    def _rows(self, y: Array, x: Array, ok: Flags) -> Array:
         """Regression rows of the frame, means of `Balance.bins_per_row` bins, less what changes slowly; none
         if they are too few."""
-        y, x, ok, _, scatter = block
-        beyond = np.zeros_like(y) if scatter is None else np.square(scatter) / self.usual
-        joined = np.column_stack([x, y, beyond])
+        joined = np.column_stack([x, y])
         bins_per_row = self.balance.bins_per_row
         if bins_per_row > 1:  # the law holds over tens of ms: whitening must not reach where it fails
             joined = joined.reshape(-1, bins_per_row, joined.shape[1]).mean(axis=1)
@@ -164,10 +157,23 @@ class RegressionAccumulator:
         frame, least = FRAME_BINS // bins_per_row, max(LEAST_ROWS // bins_per_row, 1)
         if self.balance.lines:  # slow currents are no vibration; columns and left side are filtered alike
             joined, ok = np.diff(joined, axis=0), ok[1:] & ok[:-1]
-        joined, ok = joined[-frame:], ok[-frame:]
+        inside = joined[-frame:][ok[-frame:]]
         if bins_per_row > 1:
-            inside = np.empty((frame, self.size + 1))
-            inside = inside[: without_load(joined, ok, self.load, *self.walks, inside)]
-        else:
-            inside = joined[ok, :-1]
+            inside = self._passed(inside)
         return inside if inside.shape[0] >= least else inside[:0]
+
+    def _passed(self, rows: Array) -> Array:
+        """High-pass filter against a load that changes slowly.
+
+        It is the prediction error of a random walk under white noise, applied to left side and columns alike.
+        """
+        if not rows.size:
+            return rows
+        if not self.level.any():
+            self.level = -rows[:1]  # as if it had always been so
+        decay = 1.0 - self.balance.bins_per_row * BIN_S / LOAD_S
+        out = np.empty_like(rows)
+        for k in range(rows.shape[0]):  # ten rows a frame: importing scipy.signal would take as long as a log
+            out[k] = rows[k] + self.level[0]
+            self.level = decay * out[k : k + 1] - rows[k : k + 1]
+        return out

@@ -139,36 +139,3 @@ def weight_equations(
                 back += noise[h, i, j] * mean[j]
                 information[h, i, j] = g[i, j] / variance[h]
             vector[h, i] = back / variance[h]
-
-
-@njit()
-def without_load(
-    rows: Array, valid: Flags, load: Array, place: int, slope: float, walk: float, out: Array
-) -> int:
-    """Innovations of a Kalman filter of the load, over their standard deviation in noise: columns and left
-    side alike.
-
-    The load is a random walk through time, and along the stroke.
-
-    Parameters
-    ----------
-    rows, valid : (k, n + 1) and (k,): columns and left side, then what a row's variance has beyond one.
-    load : (n + 1,) prediction of both, then its variance; kept for the next call. place : column of the
-        position. slope : of the load along it. walk : variance added by a row's time.
-    out : (k, n), of which the number given is filled.
-    """
-    n = out.shape[1]
-    count = 0
-    for k in range(valid.size):
-        load[n] += walk
-        if not valid[k]:
-            continue
-        prior = load[n] + (slope * (rows[k, place] - load[place])) ** 2
-        own = 1.0 + rows[k, n]
-        for i in range(n):
-            left = rows[k, i] - load[i]
-            out[count, i] = left / np.sqrt(own + prior)
-            load[i] += prior / (own + prior) * left
-        load[n] = own * prior / (own + prior)
-        count += 1
-    return count

@@ -91,7 +91,7 @@ def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) ->
         q = Quantities(rows, unit, Scales.of(unit))
         levels: list[np.ndarray] = []
         raw: list[np.ndarray] = []
-        for y, x, ok, *_ in BALANCES["volume"].blocks(q):
+        for y, x, ok, _ in BALANCES["volume"].blocks(q):
             good = settled(ok & np.isfinite(y) & np.isfinite(x).all(axis=1), BALANCES["volume"].settle)
             for frame in range(len(rows) // FRAME_BINS):
                 inside = (
@@ -233,27 +233,6 @@ def test_a_load_cell_tells_gusts_from_friction_whichever_way_it_counts(sign: flo
     assert c["load_measured"] == pytest.approx(sign / 1.005, abs=0.02)
     assert c["friction_forward"] == pytest.approx(1.0, abs=0.12)
     assert c["friction_reverse"] == pytest.approx(1.0, abs=0.12)
-
-
-@pytest.mark.parametrize(("severity", "expected"), [(0.0, 1.0), (0.9, 0.415)])
-def test_friction_is_told_of_a_piston_that_creeps(severity: float, expected: float) -> None:
-    """Strokes of some millimetres at less than 1 mm/s, as of a surface that is trimmed: break-away scatters
-    by 9 % from trial to trial (thesis Table 5.1). Both directions together: a load has either."""
-    unit = Unit.load("axis_a")
-    wear = [{"fault": "seal_wear", "severity": severity, "variant": "loose"}] if severity else []
-    duty = {"name": "sines", "amplitude": 0.004, "low_hz": 0.02, "high_hz": 0.03, "count": 2}
-    log = simulate(unit, Scenario(duration=60.0, duty=duty, seed=5, faults=wear)).samples
-    found, covariance = coefficients(history_of(log, unit, effects_of(unit)), "creep")
-    assert found[-2:].mean() == pytest.approx(expected, abs=0.1)
-    assert covariance[-2:, -2:].sum() < 0.1**2
-
-
-def test_a_load_that_moves_the_piston_tells_nothing_of_its_friction() -> None:
-    """A gust turns friction round as it turns the piston: fewer than one in a hundred of 20 rows a second."""
-    unit = Unit.load("axis_a")
-    held = Scenario(duration=60.0, duty={"name": "standstill"}, load={"name": "gust"}, seed=5)
-    history = history_of(simulate(unit, held).samples, unit, effects_of(unit))
-    assert sum(e.rows for e in history.equations["creep"]) < 0.01 * 60.0 * 20
 
 
 def driven(**scenario: Any) -> Samples:

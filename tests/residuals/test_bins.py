@@ -17,7 +17,6 @@ from fdd.residuals.bins import (
     FAST,
     FRAME_BINS,
     FRAME_S,
-    LEAST_TRAVEL_M,
     LUBRICATION_LAG_S,
     PRESLIDING_TRAVEL_M,
     BinMaker,
@@ -152,48 +151,41 @@ def test_an_early_row_changes_no_later_one() -> None:
         column(one, "time") > late.time[0] + 10.0 * LUBRICATION_LAG_S
     )
     assert slid.sum() > 100
-    for name in ("friction", "film", "friction_hard"):
+    for name in ("friction", "sliding"):
         np.testing.assert_allclose(column(other, name)[slid], column(one, name)[slid], rtol=0.02)
 
 
 @pytest.mark.parametrize("cut", [None, [700, 701, 1900]])
 def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list[int] | None) -> None:
-    """Against a loop written from its definition: play in the give, and a yield that follows the film of the
-    softer one of two seals."""
+    """Against a loop written from its definition: play in the give, and a yield that follows the film."""
     samples = moving()
     f = UNIT.friction
-    static = 0.5 * (f.forward.static + f.reverse.static)
-    soft, hard, film = 0.0, 0.0, 0.0
-    softs, hards, films = [], [], []
+    stiffness = 0.5 * (f.forward.static + f.reverse.static) / PRESLIDING_TRAVEL_M
+    force, film = 0.0, 0.0
+    forces, films = [], []
     before_x, before_t = samples["position"][0], samples.time[0] - 1e-3
-
-    def clipped(free: float) -> float:
+    for t, x in zip(samples.time, samples["position"], strict=True):
+        free = force + stiffness * (x - before_x)
         curve = f.forward if free >= 0.0 else f.reverse
         weight = float(np.exp(-((abs(film) / curve.stribeck_velocity) ** curve.stribeck_exponent)))
         most = curve.coulomb * (1.0 - weight) + curve.static * weight
-        return float(np.clip(free, -most, most))
-
-    for t, x in zip(samples.time, samples["position"], strict=True):
-        hard = clipped(hard + static / LEAST_TRAVEL_M * (x - before_x))
-        free = soft + static / PRESLIDING_TRAVEL_M * (x - before_x)
-        soft = clipped(free)
-        speed = (free - soft) / (static / PRESLIDING_TRAVEL_M) / (t - before_t)
+        force = float(np.clip(free, -most, most))
+        speed = (free - force) / stiffness / (t - before_t)
         share = (t - before_t) / (LUBRICATION_LAG_S + t - before_t)  # backward Euler of a first-order lag
         film = film + share * (speed - film)
-        softs.append(soft)
-        hards.append(hard)
+        forces.append(force)
         films.append(film)
         before_x, before_t = x, t
     count = int(SECONDS / BIN_S)
     bins = bins_of(samples, cut)
     per_bin = RATE_HZ * BIN_S
-    for name, expected in (("friction", softs), ("film", films), ("friction_hard", hards)):
+    for name, expected in (("friction", forces), ("sliding", films)):
         means = np.reshape(expected, (count, int(per_bin))).mean(axis=1)
         np.testing.assert_allclose(column(bins, name)[:count], means, rtol=1e-7, atol=1e-9, err_msg=name)
     slides = np.abs(films) > 0.05
     assert slides.any()
     sign = np.sign(films)[slides]
-    assert (np.sign(softs)[slides] == sign).mean() > 0.95, "friction acts against the motion"
+    assert (np.sign(forces)[slides] == sign).mean() > 0.95, "friction acts against the motion"
 
 
 @pytest.mark.parametrize(("rate", "band_hz"), [(1000, None), (200, None), (1000, 150.0), (500, 150.0)])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
-from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES, ORDERS, RegressionBlock
@@ -95,33 +95,19 @@ def test_a_frame_of_changes_is_least_squares_on_levels(name: str) -> None:
     np.testing.assert_allclose(least_squares(information, vector), expected, atol=0.05)
 
 
-@pytest.mark.parametrize("name", ["force", "creep"])
-def test_a_frame_of_cells_is_least_squares_on_innovations_of_the_load(name: str) -> None:
-    """Against filterpy's Kalman filter of a random walk, for the left side and each column by itself."""
-    balance, rng = BALANCES[name], np.random.default_rng(6)
-    n, per_row, noise = len(balance.columns), balance.bins_per_row, first_effects(name).noise
+def test_a_frame_of_cells_is_least_squares_on_their_means_over_the_load_before() -> None:
+    balance, rng = BALANCES["force"], np.random.default_rng(6)
+    n, bins_per_row = len(balance.columns), BALANCES["force"].bins_per_row
     y, x, ok = of_frame(rng, n)
     y, x = np.cumsum(y), np.cumsum(x, axis=0)
     ok[TAIL_BINS + 13] = False
-    scatter = rng.uniform(0.0, 1.0, y.size)
-    regression = RegressionAccumulator(balance, first_effects(name))
-    [(information, vector, rows, _)] = regression.equations([RegressionBlock(y, x, ok, None, scatter)])
-    cells = np.column_stack([x, y, scatter**2])[TAIL_BINS:].reshape(-1, per_row, n + 2).mean(axis=1)
-    share = per_row * BIN_S / LOAD_S
-    load = KalmanFilter(dim_x=n + 1, dim_z=n + 1)
-    load.F = load.H = np.eye(n + 1)
-    load.P *= 1e6 * noise**2
-    place, innovations = balance.columns.index("spring"), []
-    for k, cell in enumerate(cells):
-        load.predict(Q=np.eye(n + 1) * noise**2 * share**2 / (1.0 - share))
-        if k == 13 // per_row:
-            continue
-        way = cell[place] - load.x[place, 0]
-        load.P += np.eye(n + 1) * (balance.load_slope * way) ** 2
-        load.update(cell[: n + 1], R=np.eye(n + 1) * (noise**2 + cell[-1]))
-        innovations.append(load.y[:, 0] / np.sqrt(load.S[0, 0]))
-    over = np.array(innovations)
-    assert rows == FRAME_BINS // per_row - 1
+    regression = RegressionAccumulator(balance, first_effects("force"))
+    [(information, vector, rows, _)] = regression.equations([RegressionBlock(y, x, ok)])
+    means = np.column_stack([x, y])[TAIL_BINS:].reshape(-1, bins_per_row, n + 1).mean(axis=1)
+    means = np.delete(means, 13 // bins_per_row, axis=0)
+    before = pd.DataFrame(means).ewm(alpha=bins_per_row * BIN_S / LOAD_S, adjust=False).mean().shift(1)
+    over = (means - before.to_numpy())[1:]
+    assert rows == FRAME_BINS // bins_per_row - 1
     # A frame has as many cells as there are columns: its normal equations are compared, not their solution.
     squares = over[:, :n].T @ over[:, :n]
     variance = np.trace(squares) / np.trace(information)
