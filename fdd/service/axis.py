@@ -6,7 +6,7 @@ import hashlib
 import json
 import logging
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -23,11 +23,12 @@ from fdd.logs.quality import check_magnitudes
 from fdd.residuals.bins import FRAME_S
 from fdd.samples import Samples
 from fdd.service.blocks import Block
+from fdd.service.bus import Bus, Event
 from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR
 from fdd.service.order import Order
 from fdd.service.profiles import Learning
 from fdd.service.status import FRESH_S, LOOK_S, Recent
-from fdd.service.store import Checkpoint, Rollup, joined, parted
+from fdd.service.store import Checkpoint, Rollup
 from fdd.unit import Unit
 
 LOG = logging.getLogger("fdd.service")
@@ -65,7 +66,7 @@ class AxisWatch:
     Parameters
     ----------
     unit : profile. One without a baseline is learnt while nothing is found. hold : s, see `Order`.
-    learn_s : s of work after which a baseline is learnt. measured : takes its samples in the order of time.
+    learn_s : s of work after which a baseline is learnt. bus : is told its samples in the order of time.
 
     Attributes
     ----------
@@ -76,9 +77,9 @@ class AxisWatch:
 
     def __init__(
         self, name: str, unit: Unit, model: Model, hold: float = 0.5, learn_s: float = 3600.0,
-        measured: Callable[[Samples], None] = lambda samples: None,
+        bus: Bus | None = None,
     ) -> None:  # fmt: skip
-        self.name, self.model, self._measured, self._learn_s = name, model, measured, learn_s
+        self.name, self.model, self._bus, self._learn_s = name, model, bus or Bus(), learn_s
         self.order, self.recent = Order(hold), Recent()
         self.failed: str | None = None
         self.rollups: list[Rollup] = []
@@ -155,7 +156,7 @@ class AxisWatch:
         if not len(samples):
             return []
         self.samples += len(samples)
-        self._measured(samples)
+        self._bus.publish(Event("samples", self.name, float(samples.time[-1]), {"samples": samples}))
         if len(samples) > 1:
             self.rate_hz = float((len(samples) - 1) / samples.duration)
         looks, last = list[Look](), float(samples.time[-1])
@@ -251,6 +252,11 @@ class AxisWatch:
         names = ("late", "repeated", "reordered", "missing_blocks")
         return {"dropped": gaps.dropped, "gaps": gaps.jumps} | {name: counts[name] for name in names}
 
+    def about(self) -> dict[str, str]:
+        """What the store keeps of it beside its state."""
+        shas = {"profile_sha256": self.profile_sha256, "model_sha256": self.model.sha256}
+        return {"unit": self.unit.name, **shas}
+
     def _parts(self) -> dict[str, Any]:
         """What has a state of its own, by the prefix under which a checkpoint has it."""
         learning = {} if self.learning is None else {"learning": self.learning}
@@ -268,27 +274,25 @@ class AxisWatch:
         for prefix, part in self._parts().items():
             arrays |= {f"{prefix}|{k}": v for k, v in part.state().items()}
         time = float(np.nan_to_num(self.order.clock.last_time))
-        return Checkpoint(
-            axis=self.name, time=time, wall=wall, sequence=sequence, profile_sha256=self.profile_sha256,
-            model_sha256=self.model.sha256, version=VERSION, body=joined(arrays),
-        )  # fmt: skip
+        shas = self.profile_sha256, self.model.sha256
+        return Checkpoint(self.name, time, wall, sequence, *shas, VERSION, arrays)
 
-    def restore(self, checkpoint: Checkpoint) -> None:
+    def restore(self, kept: Checkpoint) -> None:
         """Go on from a checkpoint. Raises InputError: of another profile, model or version."""
         where, mend = f"axis {self.name}", "it starts anew"
         ours = (self.profile_sha256, self.model.sha256, VERSION)
-        if (checkpoint.profile_sha256, checkpoint.model_sha256, checkpoint.version) != ours:
+        if (kept.profile_sha256, kept.model_sha256, kept.version) != ours:
             problem = "its saved state is of another profile, model or version of fdd"
             raise InputError(problem, where=where, mend=mend)
         try:
-            arrays = parted(checkpoint.body)
-            scalars = json.loads(bytes(arrays["axis"]))
+            scalars = json.loads(bytes(kept.arrays["axis"]))
             self._learnt = scalars["learnt"]
             if self._learnt is not None:
                 self._take_over(Unit.from_yaml(self._learnt, where=where))
             for prefix, part in self._parts().items():
-                mine = {k.partition("|")[2]: v for k, v in arrays.items() if k.startswith(f"{prefix}|")}
-                part.restore(mine)
+                part.restore({
+                    k.partition("|")[2]: v for k, v in kept.arrays.items() if k.startswith(f"{prefix}|")
+                })  # fmt: skip
         except (ValueError, KeyError, TypeError) as error:
             problem = f"its saved state is damaged ({type(error).__name__})"
             raise InputError(problem, where=where, mend=mend) from None

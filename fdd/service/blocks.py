@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from fdd.bounds import MAX_BLOCK_BYTES, MOST_BLOCK_COLUMNS, MOST_BLOCK_ROWS, MOST_SEQUENCE
 from fdd.errors import InputError
-from fdd.logs.channel_map import ChannelMap, ChannelSource
-from fdd.monitor.mapping import channels_in_si, keys_of, stream_sources
+from fdd.logs.channel_map import ChannelMap
+from fdd.monitor.lines import StreamMap
 from fdd.samples import Samples
 from fdd.service.arrow import ARROW_START, arrow_columns, arrow_payload
 
@@ -95,15 +95,11 @@ class Decoder:
     channel_map : names and units of measure of the messages' columns; the contract's in SI without one.
         Without an entry for `time` the message's own times are taken, in s.
 
-    Raises
-    ------
-    InputError : the map has what a stream cannot use.
+    Raises InputError: the map has what a stream cannot use.
     """
 
     def __init__(self, channel_map: ChannelMap | None = None) -> None:
-        self.sources = {"time": ChannelSource(column="time"), **stream_sources(channel_map)}
-        self.keys = keys_of(self.sources)
-        self._plain = channel_map is None
+        self.map, self._plain = StreamMap(channel_map), channel_map is None
 
     def decode(self, payload: bytes, source: str = "", *, axis: str | None = None, **more: Any) -> Block:
         """The block that a message holds.
@@ -121,7 +117,7 @@ class Decoder:
             raise InputError(problem, mend="send shorter blocks")
         if payload.startswith(ARROW_START):
             columns, head = arrow_columns(payload)
-            ignored = tuple(k for k in columns if k not in self.keys)
+            ignored = tuple(k for k in columns if k not in self.map.keys)
             numbers = 8 * sum(v.size for v in columns.values())
             if self._plain and not ignored and len(payload) <= numbers + _HEAD_BYTES:
                 more["payload"] = payload
@@ -139,10 +135,10 @@ class Decoder:
                 f"columns is no object of at most {MOST_BLOCK_COLUMNS} lists",
                 mend='write "columns": {"position": [0.01, 0.02], ...}',
             )
-        columns = {name: json_numbers(name, given[name]) for name in self.keys if name in given}
+        columns = {name: json_numbers(name, given[name]) for name in self.map.keys if name in given}
         if "time" not in columns and message.get("time") is not None:
             columns["time"] = json_times(message["time"])
-        ignored = tuple(k for k in given if k not in self.keys) if len(columns) < len(given) else ()
+        ignored = tuple(k for k in given if k not in self.map.keys) if len(columns) < len(given) else ()
         return self._block(columns, message, source, more, ignored)
 
     def _block(
@@ -165,10 +161,10 @@ class Decoder:
 
     def _samples(self, columns: dict[str, Array]) -> Samples:
         if self._plain:
-            found = {n: columns[n] for n in self.sources if n in columns}
+            found = {n: columns[n] for n in self.map.sources if n in columns}
         else:
             with np.errstate(over="ignore"):  # beyond any number is missing, as infinity is
-                found = channels_in_si(self.sources, columns.get)
+                found = self.map.in_si(columns.get)
         stamps = found.pop("time", None)
         if stamps is None:
             mend = "give its times in s: a list, or start, period and n"

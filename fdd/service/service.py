@@ -17,8 +17,8 @@ from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.http.app import Server
 from fdd.service.http.tokens import Tokens
-from fdd.service.outputs.delivery import Outputs
 from fdd.service.outputs.metrics import Metrics
+from fdd.service.outputs.targets import Outputs
 from fdd.service.shards import Shards
 from fdd.service.store import Store, StoreTrouble
 from fdd.service.watch import Watch, check
@@ -43,9 +43,7 @@ class Service:
     address : what a browser opens. tokens : who may call; None lets everybody in as admin.
     metrics : the text and its type for Prometheus's Accept header.
 
-    Raises
-    ------
-    InputError : a profile, a port, a file or the store that cannot be used.
+    Raises InputError: a profile, a port, a file or the store that cannot be used.
     """
 
     def __init__(self, config: Serve, engine: Engine = "local") -> None:
@@ -101,7 +99,11 @@ class Service:
                 self._log_problems()
                 if time.monotonic() - compacted >= COMPACT_S:
                     compacted = time.monotonic()
-                    self._compact()
+                    try:
+                        gone = self.store.compact(time.time(), **self.config.retention.model_dump())
+                        LOG.info("compacted: %s", gone)
+                    except InputError as error:
+                        LOG.warning("not compacted: %s", error)
         finally:
             stop.set()
             self._server.stop()
@@ -131,14 +133,6 @@ class Service:
             self._failure = error
         finally:
             stop.set()
-
-    def _compact(self) -> None:
-        try:
-            gone = self.store.compact(time.time(), **self.config.retention.model_dump())
-        except InputError as error:
-            LOG.warning("not compacted: %s", error)
-        else:
-            LOG.info("compacted: %s", gone)
 
 
 def _opened(url: str) -> Store:

@@ -17,11 +17,13 @@ from fdd.service.bus import Bus, Event
 from fdd.service.config import Outputs as OutputsConfig
 from fdd.service.config import Serve
 from fdd.service.config_sources import MqttSource, source_name
-from fdd.service.outputs.delivery import Outputs
+from fdd.service.fleet import ACT_S
+from fdd.service.outputs.targets import Outputs
+from fdd.service.profiles import Share
 from fdd.service.status import AxisDetail, AxisStatus
 from fdd.service.store import LeaseLost, Store, StoreTrouble
-from fdd.service.storing import ACT_S, Targets
-from fdd.service.watch import Share, Watch
+from fdd.service.storing import Targets
+from fdd.service.watch import Watch
 
 LOG = logging.getLogger("fdd.service")
 AGAIN_S = 3.0
@@ -134,9 +136,7 @@ class Shards:
     config : the file. store : with the service's lease; shards open it by its URL. bus : is told what the
         shards tell.
 
-    Raises
-    ------
-    InputError : a source that cannot be read in shards, or no Ray.
+    Raises InputError: a source that cannot be read in shards, or no Ray.
     """
 
     def __init__(self, config: Serve, store: Store, bus: Bus, targets: Targets) -> None:
@@ -271,9 +271,7 @@ class Shards:
 def part_of(config: Serve, share: Share) -> Serve:
     """The file as one shard has it: with sessions of its own at the brokers, and a folder for its recordings.
 
-    Raises
-    ------
-    InputError : a source that several shards cannot read, each its own axes.
+    Raises InputError: a source that several shards cannot read, each its own axes.
 
     Examples
     --------

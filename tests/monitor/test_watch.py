@@ -16,9 +16,8 @@ from fdd.diagnosis.findings import Diagnosis, Quality
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.monitor import Event, Found, JsonLines, LineParser, Noted, Replay, Status, watch
-from fdd.monitor.clock import WallClock
-from fdd.monitor.state import CLOCK, load_state, save_state
+from fdd.monitor import Event, Found, JsonLines, LineParser, Noted, Replay, Status, WallClock, watch
+from fdd.monitor.monitor import CLOCK, load_state, save_state
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -207,7 +206,7 @@ def test_a_state_that_cannot_be_used_is_refused_and_runs_nothing(
     elif damage == "another unit":
         pipeline, words = Pipeline(Unit.load("axis_b"), tiny_model), "unit 'axis_a'"
     else:  # all that is in it together, though each part is small
-        monkeypatch.setattr("fdd.monitor.state.MAX_STATE_BYTES", len(content) // 2)
+        monkeypatch.setattr("fdd.monitor.monitor.MAX_STATE_BYTES", len(content) // 2)
         words = "bytes, at most"
     with pytest.raises(InputError, match=words) as refused:
         load_state(kept, pipeline)

@@ -17,9 +17,10 @@ from typing import Any
 
 import pytest
 
+from fdd.service import config
 from fdd.service.outputs import delivery, targets
-from fdd.service.outputs.delivery import DeliveryWorker
-from fdd.service.outputs.targets import JsonLines, Undelivered, Webhook
+from fdd.service.outputs.delivery import Undelivered
+from fdd.service.outputs.targets import JsonLines, Webhook
 from fdd.service.store import Store
 from reports.service import free_port
 from tests.service.senders import full_disk, message, sent, transition
@@ -80,13 +81,23 @@ def receiver() -> Iterator[Receiver]:
     server.server_close()
 
 
-def test_a_message_is_signed_and_whole(receiver: Receiver) -> None:
+def hook(url: str, store: Any = None, secret: Path | None = None) -> Webhook:
+    return Webhook(config.Webhook(url=url, secret_file=secret), store)
+
+
+@pytest.fixture
+def secret(tmp_path: Path) -> Path:
+    (tmp_path / "secret").write_bytes(SECRET)
+    return tmp_path / "secret"
+
+
+def test_a_message_is_signed_and_whole(receiver: Receiver, secret: Path) -> None:
     """And verified as the page tells receivers to do it."""
     page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
     names: dict[str, Any] = {"hmac": hmac, "hashlib": hashlib, "time": time}
     exec(page.split("```python\n")[1].split("```")[0], names)
     verified = names["verified"]
-    Webhook(f"{receiver.url}/in?to=fdd", SECRET).deliver(MESSAGE)
+    hook(f"{receiver.url}/in?to=fdd", secret=secret).deliver(MESSAGE)
     [(path, headers, body)] = receiver.came
     assert path == "/in?to=fdd"
     assert headers["Content-Type"] == "application/json"
@@ -95,7 +106,7 @@ def test_a_message_is_signed_and_whole(receiver: Receiver) -> None:
     assert not verified(headers, body + b" ", SECRET)
     assert not verified(headers, body, SECRET[:-1])
     assert not verified({**headers, "X-Fdd-Timestamp": str(int(time.time()) - 9)}, body, SECRET)
-    Webhook(receiver.url).deliver(MESSAGE)
+    hook(receiver.url).deliver(MESSAGE)
     assert not any(name.startswith("X-Fdd") for name in receiver.came[1][1]), "no secret, no signature"
 
 
@@ -111,10 +122,10 @@ def test_a_message_is_signed_and_whole(receiver: Receiver) -> None:
 def test_an_answer_that_is_cut_is_none(receiver: Receiver, cut: bytes) -> None:
     receiver.cut = cut
     with pytest.raises(Undelivered) as caught:
-        Webhook(receiver.url).deliver(MESSAGE)
+        hook(receiver.url).deliver(MESSAGE)
     assert caught.value.down and not caught.value.final
     receiver.cut = b"HTTP/1.1 200 OK\r\n\r\nwhatever, to the end of the connection"
-    Webhook(receiver.url).deliver(MESSAGE)
+    hook(receiver.url).deliver(MESSAGE)
 
 
 def test_it_comes_again_with_the_same_key_until_it_is_taken(
@@ -123,20 +134,19 @@ def test_it_comes_again_with_the_same_key_until_it_is_taken(
     receiver.answers = [(500, {}, b"broken"), (429, {"Retry-After": "7"}, b""), (200, {}, b"thanks")]
     now = [1000.0]
     monkeypatch.setattr(delivery, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    hook = Webhook(receiver.url, SECRET)
+    worker = hook(receiver.url, store)
     for id in (1, 2):
-        sent(store, "alarm", transition(id=id), hook.name)
-    worker = DeliveryWorker(hook.name, store, hook.deliver)
+        sent(store, "alarm", transition(id=id), worker.name)
     worker.once()
     assert "500 Internal Server Error broken" in worker.last_error
     now[0] += 2.1
     worker.once()
     now[0] += 6.5
     worker.once()
-    assert worker.failed == 2, "Retry-After is longer than the wait"
+    assert worker.counts["failed"] == 2, "Retry-After is longer than the wait"
     now[0] += 1.0
     worker.once()
-    assert worker.delivered == 2
+    assert worker.counts["delivered"] == 2
     keys = [headers["Idempotency-Key"] for _, headers, _ in receiver.came]
     assert keys[0] == keys[1] == keys[2] != keys[3]
     assert receiver.came[0][2] == receiver.came[2][2]
@@ -151,7 +161,7 @@ def test_it_comes_again_with_the_same_key_until_it_is_taken(
 def test_final_answers_and_redirects(receiver: Receiver, status: int, final: bool, down: bool) -> None:
     receiver.answers = [(status, {"Location": f"{receiver.url}/elsewhere"}, b"x" * 100_000)]
     with pytest.raises(Undelivered, match=str(status)) as caught:
-        Webhook(receiver.url).deliver(MESSAGE)
+        hook(receiver.url).deliver(MESSAGE)
     assert (caught.value.final, caught.value.down) == (final, down) and len(str(caught.value)) <= 300
     assert [path for path, _, _ in receiver.came] == ["/"]
 
@@ -164,7 +174,7 @@ def test_retry_after_may_be_a_date(receiver: Receiver) -> None:
     ):  # fmt: skip
         receiver.answers = [(503, {"Retry-After": text}, b"")]
         with pytest.raises(Undelivered) as caught:
-            Webhook(receiver.url).deliver(MESSAGE)
+            hook(receiver.url).deliver(MESSAGE)
         assert low <= caught.value.wait_s <= high, text
 
 
@@ -174,10 +184,10 @@ def test_a_silent_receiver_takes_a_bounded_time(receiver: Receiver, monkeypatch:
     for url, words in ((f"http://127.0.0.1:{free_port()}", "refused"), (receiver.url, None)):
         begun = time.monotonic()
         with pytest.raises(Undelivered, match=words) as caught:
-            Webhook(url).deliver(MESSAGE)
+            hook(url).deliver(MESSAGE)
         assert caught.value.down and not caught.value.final
     assert time.monotonic() - begun < 1.0
-    one, two = (Webhook(f"https://hooks.example.com/{path}").name for path in ("token-1", "token-2"))
+    one, two = (hook(f"https://hooks.example.com/{path}").name for path in ("token-1", "token-2"))
     assert one != two and one.startswith("webhook:hooks.example.com-") and "token" not in one + two
 
 
@@ -185,9 +195,11 @@ def numbers(path: Path) -> list[int]:
     return [json.loads(line)["n"] for line in path.read_text("utf-8").splitlines()]
 
 
-def test_a_full_file_makes_room_and_one_that_others_move_away_is_begun_anew(tmp_path: Path) -> None:
+def test_a_full_file_makes_room_and_one_that_others_move_away_is_begun_anew(
+    tmp_path: Path, store: Store
+) -> None:
     path, older = tmp_path / "events.jsonl", tmp_path / "events.jsonl.1"
-    lines = JsonLines(path, most_bytes=100)
+    lines = JsonLines(path, store, most_bytes=100)
     for n in range(100):
         lines.append({"n": n})
     assert sorted(tmp_path.iterdir()) == [path, older]
@@ -199,9 +211,9 @@ def test_a_full_file_makes_room_and_one_that_others_move_away_is_begun_anew(tmp_
     assert numbers(path) == [100]
 
 
-def test_a_full_disk_leaves_whole_lines_and_says_so(tmp_path: Path) -> None:
+def test_a_full_disk_leaves_whole_lines_and_says_so(tmp_path: Path, store: Store) -> None:
     path = tmp_path / "events.jsonl"
-    lines = JsonLines(path)
+    lines = JsonLines(path, store)
     with full_disk(1105):
         told = 0
         for n in range(10):
@@ -216,11 +228,13 @@ def test_a_full_disk_leaves_whole_lines_and_says_so(tmp_path: Path) -> None:
     assert numbers(path) == list(range(told + 1))
 
 
-def test_all_is_synced_and_statuses_are_thinned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_is_synced_and_statuses_are_thinned(
+    tmp_path: Path, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_size))
     path = tmp_path / "events.jsonl"
-    lines = JsonLines(path)
+    lines = JsonLines(path, store)
     for value in (1.0, float("nan")):
         lines.note("A1", {"value": value})
     lines.deliver(message("alarm", transition(), id=3))

@@ -18,9 +18,9 @@ from watched import blocks_of, fleet_of, leaking, send
 from fdd.samples import Samples
 from fdd.service.blocks import encode_arrow
 from fdd.service.config import Serve
+from fdd.service.profiles import Share
 from fdd.service.service import Service
 from fdd.service.store import Store
-from fdd.service.watch import Share
 
 ray = pytest.importorskip("ray", reason="no ray here: install fdd[ray]")
 pytestmark = [needs_mosquitto, pytest.mark.slow]

@@ -148,9 +148,7 @@ class Server:
     ----------
     address : what a browser opens.
 
-    Raises
-    ------
-    InputError : the port is taken.
+    Raises InputError: the port is taken.
     """
 
     def __init__(self, service: Service) -> None:

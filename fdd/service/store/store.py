@@ -15,8 +15,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.service.alarms import ITSELF, Alarm, Transition, readable
-from fdd.service.store import schema
-from fdd.service.store.database import WRITES, LeaseLost, connect, told
+from fdd.service.store.database import WRITES, LeaseLost, connect, prepare, told
 from fdd.service.store.records import SPANS_S, Checkpoint, Rollup, packed, unpacked
 from fdd.service.store.schema import ALARM, AUDIT, AXIS, CHECKPOINT, FINDING, JOURNAL, META, OUTBOX, ROLLUP
 
@@ -118,8 +117,9 @@ class Transaction:
 
     def checkpoint(self, checkpoint: Checkpoint) -> None:
         """Keep an axis's state in place of the last one; the blocks that it holds leave the journal."""
-        small, sha256 = packed(checkpoint.body)
-        self._put(CHECKPOINT, [{**asdict(checkpoint), "body": small, "sha256": sha256}])
+        row = dict(vars(checkpoint))
+        row["body"], row["sha256"] = packed(row.pop("arrays"))
+        self._put(CHECKPOINT, [row])
         held = (JOURNAL.c.axis == checkpoint.axis) & (JOURNAL.c.id <= checkpoint.sequence)
         self.execute(delete(JOURNAL).where(held))
 
@@ -180,15 +180,13 @@ class Store:
     ----------
     leases : with them each transaction is refused (`LeaseLost`) once somebody else has claimed one.
 
-    Raises
-    ------
-    InputError : wrong URL, damaged, of another fdd, of another program.
+    Raises InputError: wrong URL, damaged, of another fdd, of another program.
     """
 
     def __init__(self, url: str, *, existing: bool = False, leases: Mapping[str, str] | None = None) -> None:
         self.leases = dict(leases or {})
         self._engine, self.where = connect(url, existing)
-        schema.prepare(self._engine, self.where, existing)
+        prepare(self._engine, self.where, existing)
 
     def close(self) -> None:
         """Close all connections."""
@@ -265,8 +263,8 @@ class Store:
     def checkpoint(self, axis: str) -> Checkpoint | None:
         """The last state of an axis; None where there is none. Raises InputError where it is damaged."""
         for row in self._rows(select(CHECKPOINT).where(CHECKPOINT.c.axis == axis)):
-            row["body"] = unpacked(row["body"], row.pop("sha256"), self.where)
-            return Checkpoint(**row)
+            arrays = unpacked(row.pop("body"), row.pop("sha256"), self.where)
+            return Checkpoint(**row, arrays=arrays)
         return None
 
     def journal(self, axis: str, after: int = 0, most: int | None = None) -> list[tuple[int, bytes]]:
