@@ -112,8 +112,7 @@ class Shard:
 
     def news(self) -> News:
         """What happened since the last call, waiting a moment for it."""
-        events = []
-        event = self._events.get(NEWS_S)
+        events, event = list[Event](), self._events.get(NEWS_S)
         while event is not None:
             events.append(event)
             event = self._events.get() if len(events) < MOST_EVENTS else None
@@ -232,8 +231,7 @@ class Shards:
 
     def axis(self, name: str) -> AxisDetail:
         """One axis with its last ten minutes; raises KeyError, or StoreTrouble where its shard is away."""
-        detail: AxisDetail = self._asked(self._share_of(name), "axis", name)
-        return detail
+        return self._asked(self._share_of(name), "axis", name)  # type: ignore[no-any-return]
 
     def profile_of(self, name: str) -> str | None:
         """None: each shard records by itself."""
@@ -244,8 +242,8 @@ class Shards:
         alarm = self._store.alarm(action.alarm_id)
         if alarm is None:
             raise InputError(f"there is no alarm {action.alarm_id}", mend="look at the list anew")
-        done: Transition = self._asked(self._share_of(alarm["axis"]), "act", action, most=ACT_S + ASK_S)
-        return done
+        share = self._share_of(alarm["axis"])
+        return self._asked(share, "act", action, most=ACT_S + ASK_S)  # type: ignore[no-any-return]
 
     def remove(self, axis: str, who: str) -> None:
         """Watch an axis no longer; raises as that of a fleet."""

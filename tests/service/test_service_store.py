@@ -119,15 +119,6 @@ def test_a_book_goes_on_from_the_store_as_if_it_had_never_stopped(store: Store) 
     assert [t.alarm.id for t in look(LEAK, seconds=500.0)] == [2], "no id is given twice"
 
 
-def test_a_block_that_fails_leaves_nothing(store: Store) -> None:
-    with pytest.raises(ZeroDivisionError), store.transaction() as t:
-        t.accept_all([("A1", b"1")])
-        t.audit(WALL, "ann", "LOGIN")
-        t.send("alarm", {}, "webhook", WALL)
-        _ = 1 / 0
-    assert (store.journal("A1"), store.audit(), store.outbox(9, "webhook")) == ([], [], [])
-
-
 def test_a_checkpoint_takes_the_blocks_that_it_holds_out_of_the_journal(store: Store) -> None:
     def at(sequence: int, *values: float) -> Checkpoint:
         return Checkpoint("A1", 3.0, WALL, sequence, "profile", "model", "5", {"a": np.array(values)})
