@@ -231,7 +231,7 @@ class Shards:
 
     def axis(self, name: str) -> AxisDetail:
         """One axis with its last ten minutes; raises KeyError, or StoreTrouble where its shard is away."""
-        return self._asked(self._share_of(name), "axis", name)  # type: ignore[no-any-return]
+        return self._asked(self._share_of(name), "axis", name)
 
     def profile_of(self, name: str) -> str | None:
         """None: each shard records by itself."""
@@ -243,7 +243,7 @@ class Shards:
         if alarm is None:
             raise InputError(f"there is no alarm {action.alarm_id}", mend="look at the list anew")
         share = self._share_of(alarm["axis"])
-        return self._asked(share, "act", action, most=ACT_S + ASK_S)  # type: ignore[no-any-return]
+        return self._asked(share, "act", action, most=ACT_S + ASK_S)
 
     def remove(self, axis: str, who: str) -> None:
         """Watch an axis no longer; raises as that of a fleet."""

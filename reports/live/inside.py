@@ -16,8 +16,7 @@ from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
-from fdd.service.arrow import arrow_payload
-from fdd.service.blocks import SCHEMA, Decoder
+from fdd.service.blocks import SCHEMA, Decoder, arrow_payload
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.fleet import Fleet

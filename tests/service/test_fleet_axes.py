@@ -13,9 +13,8 @@ import fdd
 from fdd.diagnosis.model import Model
 from fdd.logs import read_log
 from fdd.samples import PRESSURES, Samples
-from fdd.service.arrow import arrow_payload
 from fdd.service.axis import AxisWatch
-from fdd.service.blocks import Block, Decoder
+from fdd.service.blocks import Block, Decoder, arrow_payload
 from fdd.service.store import Store
 from fdd.unit import Unit
 

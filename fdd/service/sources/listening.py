@@ -18,8 +18,7 @@ from fdd.bounds import MAX_LINE_BYTES, MOST_AXES, MOST_PENDING
 from fdd.errors import InputError
 from fdd.monitor.lines import split_lines
 from fdd.samples import Samples
-from fdd.service.arrow import ARROW_START
-from fdd.service.blocks import Block, Decoder, axis_name, json_object
+from fdd.service.blocks import ARROW_START, Block, Decoder, axis_name, json_object
 from fdd.service.config_sources import StdinSource, TcpSource, UdpSource, bound_socket
 from fdd.service.sources.source import Source, Window
 
