@@ -124,35 +124,11 @@ class AxisWatch:
         return self.settle(self.last_wall)
 
     def settle(self, wall: float, flush: bool = False) -> list[Look]:
-        """Take what waits for more (Unix seconds); with `flush` what is held for a block before it too."""
+        """Work what waits for more (Unix seconds); with `flush` what is held for a block before it too."""
         blocks, self._waiting = self._waiting, []
         samples = self.order.take(blocks)  # some at a time cost little more than one
-        return self._taken(Samples.concatenate([samples, self.order.flush()]) if flush else samples, wall)
-
-    @property
-    def waits(self) -> bool:
-        """Whether blocks are in no state yet."""
-        return bool(self._waiting)
-
-    @property
-    def is_new(self) -> bool:
-        """Whether so little has come that not even its units of measure are known."""
-        return self._unchecked is not None and self.failed is None
-
-    def wall_of(self, time: float) -> float | None:
-        """Unix seconds of a time (s) of the stream's clock: by the sender's stamps, or by when they came."""
-        last, offset = self.order.clock.last_time, self.order.clock.offset
-        if self.last_wall is None or not np.isfinite(last + offset):
-            return None
-        if abs(self.last_wall - (last - offset)) < FRESH_S:
-            return float(time - offset)
-        # Blocks come sooner or later: what was told must not change with each.
-        if abs(self.last_wall - last - self._start_wall) > CLOCK_GAP_S:
-            self._start_wall = self.last_wall - last
-        return self._start_wall + time
-
-    def _taken(self, samples: Samples, wall: float) -> list[Look]:
-        """The looks of samples that go on from the last ones."""
+        if flush:
+            samples = Samples.concatenate([samples, self.order.flush()])
         if not len(samples):
             return []
         self.samples += len(samples)
@@ -175,6 +151,28 @@ class AxisWatch:
             looks.append(self._failed(f"internal error: {type(error).__name__}: {error}", last))
             self._rests_until = last + REST_S
         return looks
+
+    @property
+    def waits(self) -> bool:
+        """Whether blocks are in no state yet."""
+        return bool(self._waiting)
+
+    @property
+    def is_new(self) -> bool:
+        """Whether so little has come that not even its units of measure are known."""
+        return self._unchecked is not None and self.failed is None
+
+    def wall_of(self, time: float) -> float | None:
+        """Unix seconds of a time (s) of the stream's clock: by the sender's stamps, or by when they came."""
+        last, offset = self.order.clock.last_time, self.order.clock.offset
+        if self.last_wall is None or not np.isfinite(last + offset):
+            return None
+        if abs(self.last_wall - (last - offset)) < FRESH_S:
+            return float(time - offset)
+        # Blocks come sooner or later: what was told must not change with each.
+        if abs(self.last_wall - last - self._start_wall) > CLOCK_GAP_S:
+            self._start_wall = self.last_wall - last
+        return self._start_wall + time
 
     def _checked(self, samples: Samples) -> Samples:
         """What may be worked now: samples wait until some seconds show that no channel is in a wrong unit of

@@ -13,7 +13,7 @@ from email.utils import formatdate
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -110,22 +110,16 @@ def test_a_message_is_signed_and_whole(receiver: Receiver, secret: Path) -> None
     assert not any(name.startswith("X-Fdd") for name in receiver.came[1][1]), "no secret, no signature"
 
 
-@pytest.mark.parametrize(
-    "cut",
-    [
-        b"HTTP/1.1 200 OK\r\n",
-        b"HTTP/1.1 200 OK\r\nServer: x\r\nContent-Le",
-        b"HTTP/1.1 200 OK\r\nContent-Length: 10\r\n\r\n{}",
-        b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n5\r\n{}",
-    ],
-)
-def test_an_answer_that_is_cut_is_none(receiver: Receiver, cut: bytes) -> None:
-    receiver.cut = cut
-    with pytest.raises(Undelivered) as caught:
-        hook(receiver.url).deliver(MESSAGE)
-    assert caught.value.down and not caught.value.final
-    receiver.cut = b"HTTP/1.1 200 OK\r\n\r\nwhatever, to the end of the connection"
-    hook(receiver.url).deliver(MESSAGE)
+def test_an_answer_that_is_cut_is_none(receiver: Receiver) -> None:
+    sender, ok = hook(receiver.url), b"HTTP/1.1 200 OK\r\n"
+    for cut in (b"", b"Server: x\r\nContent-Le", b"Content-Length: 10\r\n\r\n{}",
+                b"Transfer-Encoding: chunked\r\n\r\n5\r\n{}"):  # fmt: skip
+        receiver.cut = ok + cut
+        with pytest.raises(Undelivered) as caught:
+            sender.deliver(MESSAGE)
+        assert caught.value.down and not caught.value.final, cut
+    receiver.cut = ok + b"\r\nwhatever, to the end of the connection"
+    sender.deliver(MESSAGE)
 
 
 def test_it_comes_again_with_the_same_key_until_it_is_taken(
@@ -152,21 +146,20 @@ def test_it_comes_again_with_the_same_key_until_it_is_taken(
     assert receiver.came[0][2] == receiver.came[2][2]
 
 
-@pytest.mark.parametrize(
-    ("status", "final", "down"),
-    [(400, True, False), (401, True, False), (404, True, False), (410, True, False), (408, False, False),
-     (429, False, True), (500, False, False), (502, False, False), (503, False, True),
-     *((redirect, True, False) for redirect in (301, 302, 307, 308))],
-)  # fmt: skip
-def test_final_answers_and_redirects(receiver: Receiver, status: int, final: bool, down: bool) -> None:
-    receiver.answers = [(status, {"Location": f"{receiver.url}/elsewhere"}, b"x" * 100_000)]
-    with pytest.raises(Undelivered, match=str(status)) as caught:
-        hook(receiver.url).deliver(MESSAGE)
-    assert (caught.value.final, caught.value.down) == (final, down) and len(str(caught.value)) <= 300
-    assert [path for path, _, _ in receiver.came] == ["/"]
+def test_final_answers_and_redirects(receiver: Receiver) -> None:
+    sender = hook(receiver.url)
+    final = dict.fromkeys((400, 401, 404, 410, 301, 302, 307, 308), (True, False))
+    later = dict.fromkeys((408, 500, 502), (False, False)) | dict.fromkeys((429, 503), (False, True))
+    for status, wanted in (final | later).items():
+        receiver.answers = [(status, {"Location": f"{receiver.url}/elsewhere"}, b"x" * 100_000)]
+        with pytest.raises(Undelivered, match=str(status)) as caught:
+            sender.deliver(MESSAGE)
+        assert (caught.value.final, caught.value.down) == wanted and len(str(caught.value)) <= 300, status
+    assert {path for path, _, _ in receiver.came} == {"/"} and len(receiver.came) == len(final | later)
 
 
 def test_retry_after_may_be_a_date(receiver: Receiver) -> None:
+    sender = hook(receiver.url)
     for text, low, high in (
         (formatdate(time.time() + 60, usegmt=True), 57.0, 61.0),
         (formatdate(time.time() - 60, usegmt=True), 0.0, 0.0),
@@ -174,7 +167,7 @@ def test_retry_after_may_be_a_date(receiver: Receiver) -> None:
     ):  # fmt: skip
         receiver.answers = [(503, {"Retry-After": text}, b"")]
         with pytest.raises(Undelivered) as caught:
-            hook(receiver.url).deliver(MESSAGE)
+            sender.deliver(MESSAGE)
         assert low <= caught.value.wait_s <= high, text
 
 
@@ -191,15 +184,17 @@ def test_a_silent_receiver_takes_a_bounded_time(receiver: Receiver, monkeypatch:
     assert one != two and one.startswith("webhook:hooks.example.com-") and "token" not in one + two
 
 
+def lines_of(path: Path, **more: int) -> JsonLines:
+    return JsonLines(path, cast(Store, None), **more)
+
+
 def numbers(path: Path) -> list[int]:
     return [json.loads(line)["n"] for line in path.read_text("utf-8").splitlines()]
 
 
-def test_a_full_file_makes_room_and_one_that_others_move_away_is_begun_anew(
-    tmp_path: Path, store: Store
-) -> None:
+def test_a_full_file_makes_room_and_one_that_others_move_away_is_begun_anew(tmp_path: Path) -> None:
     path, older = tmp_path / "events.jsonl", tmp_path / "events.jsonl.1"
-    lines = JsonLines(path, store, most_bytes=100)
+    lines = lines_of(path, most_bytes=100)
     for n in range(100):
         lines.append({"n": n})
     assert sorted(tmp_path.iterdir()) == [path, older]
@@ -211,9 +206,9 @@ def test_a_full_file_makes_room_and_one_that_others_move_away_is_begun_anew(
     assert numbers(path) == [100]
 
 
-def test_a_full_disk_leaves_whole_lines_and_says_so(tmp_path: Path, store: Store) -> None:
+def test_a_full_disk_leaves_whole_lines_and_says_so(tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
-    lines = JsonLines(path, store)
+    lines = lines_of(path)
     with full_disk(1105):
         told = 0
         for n in range(10):
@@ -228,13 +223,11 @@ def test_a_full_disk_leaves_whole_lines_and_says_so(tmp_path: Path, store: Store
     assert numbers(path) == list(range(told + 1))
 
 
-def test_all_is_synced_and_statuses_are_thinned(
-    tmp_path: Path, store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_is_synced_and_statuses_are_thinned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_size))
     path = tmp_path / "events.jsonl"
-    lines = JsonLines(path, store)
+    lines = lines_of(path)
     for value in (1.0, float("nan")):
         lines.note("A1", {"value": value})
     lines.deliver(message("alarm", transition(), id=3))

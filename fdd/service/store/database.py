@@ -29,6 +29,7 @@ _AWAY = {
 _URLS = "sqlite:///fdd.db or postgresql://user@host/database"
 _DAMAGE = ("DatabaseError", "InternalError")
 _NO_RIGHTS = "42501"
+_BACKUP = "nothing was changed; move the file away, or put a backup in its place"
 
 
 class StoreTrouble(InputError):
@@ -64,8 +65,7 @@ def told(where: str) -> Iterator[None]:
             mend = "look at the disk, at the server, and at who else has it open"
             raise StoreTrouble(said, where=where, mend=mend) from None
         if type(error).__name__ in _DAMAGE:
-            mend = "nothing was changed; move the file away, or put a backup in its place"
-            raise InputError(said, where=where, mend=mend) from None
+            raise InputError(said, where=where, mend=_BACKUP) from None
         if getattr(cause, "sqlstate", None) == _NO_RIGHTS:
             raise InputError(said, where=where, mend="correct the role's rights") from None
         raise
@@ -126,10 +126,7 @@ def _sqlite(url: URL, options: dict[str, Any]) -> tuple[Engine, str]:
     with told(where), engine.connect() as connection:
         problem = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
         if problem != "ok":
-            raise InputError(
-                f"the store is damaged ({problem})", where=where,
-                mend="nothing was changed; move the file away, or put a backup in its place",
-            )  # fmt: skip
+            raise InputError(f"the store is damaged ({problem})", where=where, mend=_BACKUP)
     return engine, where
 
 

@@ -222,6 +222,10 @@ class Store:
         with told(self.where), self._engine.connect() as connection:
             return [dict(row._mapping) for row in connection.execute(statement)]
 
+    def _value(self, statement: sa.Select[Any]) -> Any:
+        with told(self.where), self._engine.connect() as connection:
+            return connection.execute(statement).scalar()
+
     def axes(self) -> list[Row]:
         """All axes, by name."""
         return self._rows(select(AXIS).order_by(AXIS.c.name))
@@ -234,7 +238,7 @@ class Store:
 
     def alarm(self, id: int) -> Row | None:
         """One `Alarm` as a dict; None where there is none."""
-        return next((r["body"] for r in self._rows(select(ALARM.c.body).where(ALARM.c.id == id))), None)
+        return self._value(select(ALARM.c.body).where(ALARM.c.id == id))
 
     def book(self) -> Row:
         """What `AlarmBook.restore` takes: alarms that are not over, each key's last one, and the next id."""
@@ -275,16 +279,16 @@ class Store:
 
     def journal_bytes(self, axis: str) -> int:
         """Bytes of the blocks that came after an axis's checkpoint."""
-        size = select(func.sum(func.length(JOURNAL.c.payload)).label("n")).where(JOURNAL.c.axis == axis)
-        return int(self._rows(size)[0]["n"] or 0)
+        size = func.sum(func.length(JOURNAL.c.payload))
+        return int(self._value(select(size).where(JOURNAL.c.axis == axis)) or 0)
 
     def journal_rows(self) -> int:
         """Blocks of all axes that came after their checkpoints."""
-        return int(self._rows(select(func.count().label("n")).select_from(JOURNAL))[0]["n"])
+        return int(self._value(select(func.count()).select_from(JOURNAL)))
 
     def meta(self, key: str) -> str | None:
         """A word about the store itself."""
-        return next((r["value"] for r in self._rows(select(META.c.value).where(META.c.key == key))), None)
+        return self._value(select(META.c.value).where(META.c.key == key))
 
     def outbox(self, limit: int, target: str) -> list[OutboxMessage]:
         """The oldest messages for a target that did not arrive yet, in their order."""
