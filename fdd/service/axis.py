@@ -132,7 +132,8 @@ class AxisWatch:
         if not len(samples):
             return []
         self.samples += len(samples)
-        self._bus.publish(Event("samples", self.name, float(samples.time[-1]), {"samples": samples}))
+        measured = {"samples": samples, "unit": self.unit}
+        self._bus.publish(Event("samples", self.name, float(samples.time[-1]), measured))
         if len(samples) > 1:
             self.rate_hz = float((len(samples) - 1) / samples.duration)
         looks, last = list[Look](), float(samples.time[-1])

@@ -321,7 +321,7 @@ class Fleet:
     def _forget(self, name: str, who: str, batch: Batch) -> None:
         """Watch an axis no longer: its state and its life go, its alarms and the audit stay."""
         for kept in (self._axes, self._refused, self._heard, self.writer.last_row):
-            kept.pop(name, None)  # type: ignore[attr-defined]
+            kept.pop(name, None)
         self.inbox.forget(name)
         self.backlog.follow_again(name)
         wall = self._clock()
@@ -399,12 +399,6 @@ class Fleet:
             counters["lag_s"] += self.backlog.behind_s(watch)
             counters["put_off"] = 1.0
         return status_of(watch, self._book.alarms(watch.name), counters, self._clock(), zone)
-
-    def profile_of(self, name: str) -> str | None:
-        """An axis's profile as YAML; None where there is no such axis."""
-        with self._lock:
-            watch = self._axes.get(name)
-            return None if watch is None else watch.unit.to_yaml()
 
     def axis(self, name: str) -> AxisDetail:
         """One axis with its last ten minutes. Raises KeyError: no such axis."""

@@ -56,7 +56,7 @@ class Service:
         # With Ray each shard records by itself: the samples are there.
         ray = engine == "ray"
         outputs = config.outputs.model_copy(update={"recording": None}) if ray else config.outputs
-        self._outputs = Outputs(outputs, self.store, self.bus, lambda axis: self.fleet.profile_of(axis))
+        self._outputs = Outputs(outputs, self.store, self.bus)
         watching: type[Watch | Shards] = Shards if ray else Watch
         self.fleet = watching(config, self.store, self.bus, self._outputs.targets)
         self.tokens = None if config.tokens is None else Tokens.load(config.tokens)

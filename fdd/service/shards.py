@@ -92,7 +92,7 @@ class Shard:
         try:
             # From here on nobody else writes what this shard reads next.
             store.claim(f"shard {self._share.number}")
-            outputs = Outputs(self._config.outputs, store, self._bus, lambda axis: watch.profile_of(axis))
+            outputs = Outputs(self._config.outputs, store, self._bus)
             watch = self._watch = Watch(self._config, store, self._bus, self._targets, self._share)
             outputs.start(ended)
             try:
@@ -232,10 +232,6 @@ class Shards:
     def axis(self, name: str) -> AxisDetail:
         """One axis with its last ten minutes; raises KeyError, or StoreTrouble where its shard is away."""
         return self._asked(self._share_of(name), "axis", name)
-
-    def profile_of(self, name: str) -> str | None:
-        """None: each shard records by itself."""
-        return None
 
     def act(self, action: Action) -> Transition:
         """Do something to an alarm; it is stored when this returns. Raises as that of a fleet."""

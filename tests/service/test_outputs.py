@@ -30,7 +30,7 @@ SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 
 
 def made_of(store: Store, bus: Bus, **given: Any) -> Outputs:
-    return Outputs(config.Outputs(**given), store, bus, lambda axis: None)
+    return Outputs(config.Outputs(**given), store, bus)
 
 
 def hook(url: str, *kinds: Any, secret_file: Path | None = None) -> config.Webhook:

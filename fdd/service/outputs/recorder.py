@@ -25,6 +25,7 @@ from fdd.samples import Samples
 from fdd.service.bus import Bus, Event
 from fdd.service.config import Recording
 from fdd.service.status import FRESH_S
+from fdd.unit import Unit
 
 OURS = re.compile(r".+_\d{8}T\d{6}Z_\w+\.mcap")
 """Only files with such a name are ever removed."""
@@ -47,10 +48,12 @@ class _Axis:
 
     Attributes
     ----------
-    offset : s to add to the stream's stamps for Unix seconds. heard : monotonic s of the last block.
+    unit : its profile. offset : s to add to the stream's stamps for Unix seconds.
+    heard : monotonic s of the last block.
     size : bytes of the samples. start, until : s of the stream's clock. wall : Unix seconds of its 0.
     """
 
+    unit: Unit = field(init=False)
     offset: float = 0.0
     heard: float = 0.0
     size: int = 0
@@ -69,13 +72,13 @@ class Recorder:
     Parameters
     ----------
     config : folder (made where it is missing), s before and after an alarm, most bytes in the folder.
-    bus : of samples, alarms and statuses. profile_of : an axis's unit profile (YAML) for the file, or None.
+    bus : of samples, alarms and statuses.
 
     Raises InputError: the folder cannot be written.
     """
 
-    def __init__(self, config: Recording, bus: Bus, profile_of: Callable[[str], str | None]) -> None:
-        self._config, self._profile_of = config, profile_of
+    def __init__(self, config: Recording, bus: Bus) -> None:
+        self._config = config
         require_writable(config.folder, folder=True)
         with written(config.folder):
             config.folder.mkdir(parents=True, exist_ok=True)
@@ -106,6 +109,7 @@ class Recorder:
         while event := self._events.get():
             if event.kind == "samples":
                 self._take(event.axis, event.data["samples"])
+                self._axes[event.axis].unit = event.data["unit"]
             elif (axis := self._axes.get(event.axis)) is None:
                 continue
             elif event.kind == "alarm":
@@ -167,7 +171,7 @@ class Recorder:
         try:
             write_annotated(
                 path, Samples(samples.time - start, samples.columns), _trajectories(statuses, start),
-                json.dumps(answer), axis=plain(name), unit_yaml=self._profile_of(name),
+                json.dumps(answer), axis=plain(name), unit_yaml=axis.unit.to_yaml(),
                 start_ns=round(wall * 1e9),
             )  # fmt: skip
             keep_within(self._config.folder, self._config.most_bytes, newest=path)

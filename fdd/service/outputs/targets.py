@@ -9,7 +9,7 @@ import re
 import ssl
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from email.utils import parsedate_to_datetime
 from functools import partial
@@ -180,6 +180,7 @@ class MqttPublisher(Target):
         client.max_queued_messages_set(MOST_QUEUED)
         client.reconnect_delay_set(1, 60)
         client.on_connect, client.on_disconnect = self._connected, self._disconnected
+        client.connect_async(settings.host, settings.chosen_port, settings.keepalive)
 
     def run(self, bus: Bus, stop: threading.Event) -> None:
         """Connect, and deliver what comes until `stop` is set."""
@@ -189,7 +190,6 @@ class MqttPublisher(Target):
 
     def start(self) -> None:
         """Connect, now or as soon as the broker is there."""
-        self._client.connect_async(self._config.host, self._config.chosen_port, self._config.keepalive)
         self._client.loop_start()
 
     def stop(self) -> None:
@@ -274,21 +274,19 @@ class Outputs:
     Parameters
     ----------
     settings : `outputs` of the configuration. store : its outbox holds what must arrive.
-    bus : of what may be lost. profile_of : an axis's unit profile (YAML) for its recordings, or None.
+    bus : of what may be lost.
 
     Raises InputError: settings that cannot work: a secret file, a folder, a port.
     """
 
-    def __init__(
-        self, settings: config.Outputs, store: Store, bus: Bus, profile_of: Callable[[str], str | None]
-    ) -> None:
+    def __init__(self, settings: config.Outputs, store: Store, bus: Bus) -> None:
         made: list[Target] = [] if settings.mqtt is None else [MqttPublisher(settings.mqtt, store)]
         made += [] if settings.jsonl is None else [JsonLines(settings.jsonl, store)]
         made += [Webhook(hook, store) for hook in reversed(settings.webhooks)]
         self._bus, self._threads = bus, list[threading.Thread]()
         self._targets = {target.name: target for target in made}
         kept = settings.recording
-        self._recorder = None if kept is None else Recorder(kept, bus, profile_of)
+        self._recorder = None if kept is None else Recorder(kept, bus)
 
     @property
     def targets(self) -> Targets:
