@@ -1,4 +1,4 @@
-"""What ``python -m reports load`` measures and says."""
+"""What ``python -m reports load`` and ``troubles`` measure and say."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from reports.live import ramp as room
 from reports.live.inside import Inside, inside, logs, messages
 from reports.live.ramp import Overload, Stage, ramp, why_not
 from reports.live.report import report_text
+from reports.troubles import TROUBLES, Outcome
+from reports.troubles import report_text as troubles_text
 
 MB = 10**6
 
@@ -91,3 +93,20 @@ def test_an_outage_loses_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().out
     assert "100,000 of 100,000 samples are worked" in said
     assert "1 findings, 1 alarms raised, of 1 axes that leak" in said
+
+
+def test_a_loss_is_told_as_wrong() -> None:
+    kept = Outcome("store locked", "held", "is locked", 100, 100, 0)
+    lost = Outcome("disk full", "filled", "ok | fine", 100, 90, 7, ["10 samples were never taken"])
+    rows = troubles_text([kept, lost], ["quota reached"]).splitlines()
+    assert "| store locked | held | is locked | 100 | 100 | 0 | as it should be |" in rows
+    told = "| disk full | filled | ok \\| fine | 100 | 90 | 7 | WRONG: 10 samples were never taken |"
+    assert told in rows and "Left out: quota reached (needs root, to mount a small disk)." in rows
+
+
+def test_an_unknown_trouble_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert app(["troubles", "--only", "flood", "-o", str(tmp_path)], standalone_mode=False) == 2
+    assert "no trouble 'flood'" in capsys.readouterr().err
+    assert len({trouble.tried for trouble in TROUBLES}) == len(TROUBLES)
