@@ -22,7 +22,7 @@ MB = 10**6
 
 @pytest.fixture(scope="module")
 def recorded() -> list[Samples]:
-    return logs(26.0)
+    return logs(31.0)
 
 
 def stage(axes: int, **more: object) -> Stage:
@@ -36,7 +36,7 @@ def stage(axes: int, **more: object) -> Stage:
 def test_messages_hold_the_whole_log(recorded: list[Samples]) -> None:
     log = recorded[1]
     blocks = [Decoder().decode(m, axis="A1") for m in messages(log)]
-    assert [b.sequence for b in blocks] == list(range(260))
+    assert [b.sequence for b in blocks] == list(range(310))
     joined = Samples.concatenate([b.samples for b in blocks])
     assert set(joined.channels) == set(CHANNELS) - {"time", "load_force"}, "all that the rig has"
     for name in joined.channels:
