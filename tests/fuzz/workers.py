@@ -103,8 +103,8 @@ class _Worker:
     def carry_out(self, task: Task) -> tuple[str, float]:
         """What came of it, and how long that took (s)."""
         begun = time.monotonic()
-        self.connection.send(task)
         try:
+            self.connection.send(task)
             if self.connection.poll(MOST_SECONDS):
                 result, spent = self.connection.recv()
                 return result, spent
