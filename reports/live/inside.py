@@ -54,19 +54,17 @@ def logs(seconds: float) -> list[Samples]:
 
 def messages(log: Samples) -> list[bytes]:
     """Arrow messages of 100 ms; the topic names the axis, so that they serve any number of axes."""
-    parts = (log.rows(start, start + ROWS) for start in range(0, len(log) - ROWS + 1, ROWS))
     return [
         arrow_payload({"time": part.time, **part.columns}, {"schema": SCHEMA, "sequence": number})
-        for number, part in enumerate(parts)
-    ]
+        for number, part in enumerate(log.blocks(ROWS)) if len(part) == ROWS
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Inside:
-    """Processor time of one thread, µs a sample.
+    """Processor time of one thread, µs a sample: message to finding, and the pipeline alone.
 
-    `axes`, `seconds`: of the run. `whole`: message to finding, median of the runs. `alone`: the pipeline by
-    itself. `axis_bytes`: memory that an axis takes after `aged_s` s of data.
+    `axis_bytes`: memory that an axis takes after `aged_s` s of data.
     """
 
     axes: int
