@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,21 +89,22 @@ def _departures(file: str, history: BalanceHistory) -> list[Departure]:
         e = effects[name]
         evidence = Evidence({name: (m, v)}, effects)
         own = [k for k, c in enumerate(BALANCES[name].columns) if c not in BALANCES[name].free]
-        columns = np.eye(len(e.mean))[own][:, None]
-        overdispersion = np.full(len(own), scattered(m, v, e)[1])
-        time_profiles = np.ones((len(own), 1, len(m)))
-        scales, signed = np.full((len(own), 1), VAGUE), np.zeros(len(own), np.bool_)
-        parts = Parts({name: columns}, time_profiles, scales, signed)
-        found = departures(evidence.balances, parts, overdispersion, from_start=True)
+        parts = _alone(name, np.eye(len(e.mean))[own][:, None], np.ones((len(own), 1, len(m))))
+        scatter = np.full(len(own), scattered(m, v, e)[1])
+        found = departures(evidence.balances, parts, scatter, from_start=True)
         stated = np.sqrt(np.diag(e.covariance))[own]
-        told = found.information * np.square(stated)
-        for k, size, information, std, share in zip(
-            own, found.size, found.information, stated, told, strict=True
-        ):
-            if share > TOLD:
-                z = float(size * np.sqrt(information))
-                out.append(Departure(name, BALANCES[name].columns[k], z, float(std), file))
+        z = found.size * np.sqrt(found.information)
+        out += [
+            Departure(name, BALANCES[name].columns[own[k]], float(z[k]), float(stated[k]), file)
+            for k in np.flatnonzero(found.information * np.square(stated) > TOLD)
+        ]
     return out
+
+
+def _alone(balance: str, columns: NDArray[np.float64], time_profiles: NDArray[np.float64]) -> Parts:
+    """Columns of one balance, each by itself, of any size and sign."""
+    vague = np.full((len(columns), 1), VAGUE)
+    return Parts({balance: columns}, time_profiles, vague, np.zeros(len(columns), np.bool_))
 
 
 def _changes(file: str, history: BalanceHistory, each: Sequence[Hypothesis]) -> list[Departure]:
@@ -119,8 +121,7 @@ def _changes(file: str, history: BalanceHistory, each: Sequence[Hypothesis]) -> 
             if f.size == 0.0:  # where a fault's sign is against it, its scores say nothing of the noise
                 continue
             ((name, column),) = h.columns.items()
-            scales, signed = np.full((1, 1), VAGUE), np.zeros(1, np.bool_)
-            parts = Parts({name: column[None, None]}, time_profile, scales, signed)
+            parts = _alone(name, column[None, None], time_profile)
             found = departures(evidence.balances, parts, np.array([f.overdispersion]), from_start=False)
             std = 1.0 / float(np.sqrt(found.information[0]))
             out.append(Departure(name, "", float(found.size[0]) / std, std, file))
@@ -149,31 +150,29 @@ def _faults(said: Sequence[Said]) -> list[str]:
     ]
     rows = []
     for title, of in by:
-        groups: dict[str, list[Said]] = {}
+        groups = defaultdict[str, list[Said]](list)
         for s in mine:
-            groups.setdefault(of(s), []).append(s)
+            groups[of(s)].append(s)
         for name, each in sorted(groups.items()):
             rows.append([
                 title, name, wilson(sum(s.verdict == "faulty" for s in each), len(each)),
                 wilson(sum(s.verdict == "faulty" and s.named for s in each), len(each)),
             ])  # fmt: skip
     alarmed = sum(s.verdict == "faulty" for s in healthy)
+    highest = sorted(healthy, key=lambda s: -s.score)[:FARTHEST]
+    largest = [f"{s.entry.file} {s.score:.1f}" for s in highest]
     return [
         f"Visible single faults of severity {LEAST_SEVERITY:g} and more; healthy logs called faulty: "
         f"{wilson(alarmed, len(healthy))}\n",
         *markdown(["by", "", "faulty", "named"], rows),
-        "Healthy logs with the largest scores: "
-        + ", ".join(
-            f"{s.entry.file} {s.score:.1f}" for s in sorted(healthy, key=lambda s: -s.score)[:FARTHEST]
-        )
-        + "\n",
+        f"Healthy logs with the largest scores: {', '.join(largest)}\n",
     ]
 
 
 def _healthy(found: Sequence[Departure]) -> list[str]:
-    groups: dict[tuple[str, str], list[Departure]] = {}
+    groups = defaultdict[tuple[str, str], list[Departure]](list)
     for d in found:
-        groups.setdefault((d.balance, d.coefficient), []).append(d)
+        groups[d.balance, d.coefficient].append(d)
     rows = []
     for (balance, coefficient), each in groups.items():
         if len(each) < LEAST_LOGS:

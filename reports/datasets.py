@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Unpack
 
@@ -28,6 +29,13 @@ from fdd.unit import Unit
 
 SINGLE_ROD = 0.95
 """Ratio of areas below which a rod stands on one side."""
+COMPARED = {
+    "travel per rad": "pump.displacement", "area ratio": "cylinder.area_2", "volume 1": "cylinder.volume_1",
+    "volume 2": "cylinder.volume_2", "bulk modulus": "oil.bulk_modulus",
+    "torque constant": "drive.torque_constant", "friction extending": "friction.forward.coulomb",
+    "friction retracting": "friction.reverse.coulomb",
+}  # fmt: skip
+"""Quantities of a profile's table."""
 NEAR = 0.02
 """Relative error of travel per rad and area ratio of a single rod that a diagnosis stands."""
 
@@ -36,10 +44,8 @@ NEAR = 0.02
 class Told:
     """What was identified of one unit from its baseline runs and its data sheet, as `fdd identify` does.
 
-    `refusals`: why the command refuses, or why nothing could be identified; empty where it accepts.
-    `single_rod`: whether one rod stands on one side. `travel`, `ratio`: travel per rad of the pump and area
-    ratio over the true ones, NaN where nothing was identified. `departures`: quantity to (identified - true)
-    / std, one for each number with a standard deviation.
+    `refusals`: why the command refuses. `single_rod`: whether one rod stands on one side. `travel`, `ratio`:
+    travel per rad of the pump and area ratio over the true ones. `departures`: (identified - true) / std.
     """
 
     unit: str
@@ -111,19 +117,10 @@ def departures(found: Identification, true: Unit) -> dict[str, float]:
         # Where the volumes stay the data sheet's, volume over bulk modulus is all that is told.
         known = true.cylinder.volume_1 + true.cylinder.volume_2
         beta *= (cylinder.volume_1 + cylinder.volume_2) / known
-    expected = {
-        "travel per rad": ("pump.displacement", true.pump.displacement),
-        "area ratio": ("cylinder.area_2", true.cylinder.area_2),
-        "volume 1": ("cylinder.volume_1", true.cylinder.volume_1),
-        "volume 2": ("cylinder.volume_2", true.cylinder.volume_2),
-        "bulk modulus": ("oil.bulk_modulus", beta),
-        "torque constant": ("drive.torque_constant", true.drive.torque_constant),
-        "friction extending": ("friction.forward.coulomb", true.friction.forward.coulomb),
-        "friction retracting": ("friction.reverse.coulomb", true.friction.reverse.coulomb),
-    }
     out = {}
-    for quantity, (path, value) in expected.items():
+    for quantity, path in COMPARED.items():
         if (row := rows.get(path)) is not None and row.identified is not None and row.std is not None:
+            value = beta if path == "oil.bulk_modulus" else attrgetter(path)(true)
             out[quantity] = (row.identified - value) / row.std
     # At the logs' own temperature; where nobody measures it, the truth there is not known either.
     if found.leakage is not None and "oil.reference_temperature" in rows:

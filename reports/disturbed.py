@@ -134,11 +134,8 @@ DISTURBANCES: dict[str, Disturbance] = {
 
 
 class Comparison(NamedTuple):
-    """One log's answers, plain and disturbed.
-
-    `unit`: which. `disturbance`: of `DISTURBANCES`. `verdict`, `fault`, `onset`: whether these are the same:
-    the leading fault or one of its ambiguity group, the onset to a second.
-    """
+    """One log's answers, plain and disturbed: whether verdict, leading fault or one of its ambiguity group,
+    and onset to a second are the same."""
 
     unit: str
     disturbance: str

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shutil
-import signal
 import socket
 import sqlite3
 import subprocess
@@ -69,11 +68,7 @@ def broker(folder: Path) -> Iterator[int]:
 
 
 class Process:
-    """`fdd serve` with its state and log in a folder.
-
-    `folder`: of everything. `sources`: of `serve.yaml`. `more`: what else stands there. `core`: that it is
-    pinned to.
-    """
+    """`fdd serve` with its state and log in a folder, on a core; `more`: what else stands in `serve.yaml`."""
 
     def __init__(
         self, folder: Path, sources: list[dict[str, Any]], core: int | None = None, **more: Any
@@ -144,7 +139,7 @@ class Process:
 
     def end(self) -> int | None:
         """Send SIGTERM; the exit status, None where it does not end in time and is killed."""
-        self.popen.send_signal(signal.SIGTERM)
+        self.popen.terminate()
         try:
             return self.popen.wait(60.0)
         except subprocess.TimeoutExpired:

@@ -23,14 +23,13 @@ import typer
 
 from fdd.cli.console import progress
 from fdd.errors import InputError
-from fdd.markdown import table
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
 from fdd.service.blocks import Block, encode_json
 from fdd.unit import Unit
 from reports.service import AXIS, Process, free_port, until
-from reports.writing import FOLDER, OutOption, made_by, require_folder, write_report
+from reports.writing import FOLDER, OutOption, made_by, require_folder, template, write_report
 
 ARRIVED_S = 120.0
 ROWS = 100
@@ -105,11 +104,7 @@ TROUBLES = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one trouble.
-
-    `said`: by the service while it lasted. `sent`, `accepted`, `lost`: samples. `wrong`: what is not as it
-    should be; empty where all is.
-    """
+    """What became of one trouble: what the service said meanwhile, samples, and what is not as wanted."""
 
     tried: str
     how: str
@@ -129,17 +124,17 @@ def leaking() -> Samples:
 
 def attempt(trouble: Trouble, run: Samples) -> Outcome:
     """Try a trouble in a folder of its own, sending a run in lines over TCP."""
+    lines, ends = list[bytes](), [0]
+    for number, block in enumerate(run.blocks(ROWS)):
+        lines.append(encode_json(Block(AXIS, block, number, "", 0.0)) + b"\n")
+        ends.append(ends[-1] + len(block))
     with ExitStack() as kept:
         folder = Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="fdd-troubles-")))
         if trouble.own_disk:
             (folder / "state").mkdir()
             subprocess.run(["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", folder / "state"], check=True)
             kept.callback(lambda: subprocess.run(["umount", "-l", folder / "state"], check=True))
-        port, lines, ends = free_port(), [], [0]
-        for number, start in enumerate(range(0, len(run), ROWS)):
-            block = Block(AXIS, run.rows(start, start + ROWS), number, "", 0.0)
-            lines.append(encode_json(block) + b"\n")
-            ends.append(ends[-1] + len(block.samples))
+        port = free_port()
         process = Process(folder, [{"type": "tcp", "port": port}])
         return _attempt(trouble, process, port, lines, ends)
 
@@ -206,14 +201,12 @@ def troubles(
     wanted = set(only or known)
     if unknown := wanted - known:
         raise InputError(f"no trouble {min(unknown)!r}", mend=f"give one of {', '.join(sorted(known))}")
-    without, outcomes = list[str](), list[Outcome]()
-    run, tried = leaking(), [t for t in TROUBLES if t.tried in wanted]
-    with progress("troubling the service", float(len(tried))) as advance:
-        for number, trouble in enumerate(tried, 1):
-            if trouble.own_disk and os.getuid() != 0:
-                without.append(trouble.tried)
-            else:
-                outcomes.append(attempt(trouble, run))
+    possible = [t for t in TROUBLES if t.tried in wanted and not (t.own_disk and os.getuid() != 0)]
+    without, outcomes = sorted(wanted - {t.tried for t in possible}), list[Outcome]()
+    run = leaking()
+    with progress("troubling the service", float(len(possible))) as advance:
+        for number, trouble in enumerate(possible, 1):
+            outcomes.append(attempt(trouble, run))
             advance(float(number))
     wrong = [o.tried for o in outcomes if o.wrong or o.lost]
     told = "".join(f"; not {name}" for name in wrong)
@@ -223,26 +216,8 @@ def troubles(
 
 def report_text(outcomes: Sequence[Outcome], without: Sequence[str]) -> str:
     """The report as Markdown."""
-    rows = [
-        [
-            o.tried, o.how, o.said, str(o.sent), str(o.accepted), str(o.lost),
-            f"WRONG: {'; '.join(o.wrong)}" if o.wrong or o.lost else "as it should be",
-        ]
-        for o in outcomes
-    ]  # fmt: skip
-    cells = [[" ".join(cell.split()).replace("|", "\\|") for cell in row] for row in rows]
-    head = ["tried", "how", "what the service said", "sent", "accepted", "lost", "verdict"]
-    lines = [
-        "# What troubles the service itself, and what is lost",
-        "",
-        f"{made_by('troubles')}. Each is tried on the real `fdd serve`: a run of a minute that leaks from "
-        "its middle on is sent, a third before the trouble, a third while it lasts, a third after it; then "
-        "the service is killed (SIGKILL) and started again. *Accepted* are the samples it had taken before "
-        "the kill, *lost* those of them that are not there after it. The leak must be found and its alarm "
-        "raised once, health must say what is wrong and then nothing, and page, axes and metrics must "
-        "answer meanwhile. (The list of alarms is the store's: without it that says 503, and why.)",
-        "",
-        *table(head, cells, "lllrrrl"),
-        *(f"Left out: {name} (needs root, to mount a small disk)." for name in without),
-    ]
-    return "\n".join(lines)
+    page = template(
+        Path(__file__).with_name("troubles.md.j2"),
+        cell=lambda text: " ".join(text.split()).replace("|", "\\|"),
+    )
+    return page.render(made_by=made_by("troubles"), outcomes=outcomes, without=without)

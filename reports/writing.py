@@ -70,11 +70,7 @@ Curve = tuple[Any, Any, str, str | None]
 
 @dataclass(frozen=True)
 class Panel:
-    """One panel of a picture.
-
-    `settings`: of ``Axes.set``: labels, scales, limits, title. `at_x`, `at_y`: value to label of lines across
-    the panel.
-    """
+    """One panel of a picture; `settings` are those of ``Axes.set``, `at_x` and `at_y` lines across it."""
 
     curves: Sequence[Curve]
     settings: Mapping[str, Any]

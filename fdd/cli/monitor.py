@@ -63,9 +63,8 @@ def monitor(
     from fdd.diagnosis.pipeline import Pipeline
     from fdd.identification.log_scales import StreamScales
     from fdd.logs import ChannelMap, read_log
-    from fdd.monitor import JsonLines, LineParser, Noted, Replay, Status, watch
-    from fdd.monitor.clock import WallClock
-    from fdd.monitor.state import load_state, save_state
+    from fdd.monitor import JsonLines, LineParser, Noted, Replay, Status, WallClock, watch
+    from fdd.monitor.monitor import load_state, save_state
     from fdd.offline.diagnoser import quality_of, unit_of
 
     classifier = Model.load(model)

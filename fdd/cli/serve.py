@@ -65,8 +65,8 @@ def serve(
             listen = settings.listen.model_copy(update={"port": port})
             settings = settings.model_copy(update={"listen": listen})
         if engine == "ray":
+            from fdd.service.profiles import Share
             from fdd.service.shards import part_of
-            from fdd.service.watch import Share
 
             part_of(settings, Share(0, settings.shards))
         if check:

@@ -2,6 +2,8 @@
 
 from fdd.monitor.lines import LineParser
 from fdd.monitor.monitor import Event, Found, Noted, Status, watch
-from fdd.monitor.sources import JsonLines, Replay
+from fdd.monitor.sources import JsonLines, Replay, WallClock
 
-__all__ = ["Event", "Found", "JsonLines", "LineParser", "Noted", "Replay", "Status", "watch"]
+__all__ = [
+    "Event", "Found", "JsonLines", "LineParser", "Noted", "Replay", "Status", "WallClock", "watch",
+]  # fmt: skip

@@ -1,8 +1,9 @@
-"""JSON lines to samples: what is malformed is counted, a clock that was set is followed."""
+"""JSON lines to samples in SI: what is malformed is counted, a clock that was set is followed."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,18 +12,96 @@ from numpy.typing import NDArray
 from fdd.bounds import MAX_LINE_BYTES
 from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
-from fdd.logs.channel_map import ChannelMap
+from fdd.logs.channel_map import ChannelMap, ChannelSource
+from fdd.logs.conversion import to_si
 from fdd.logs.quality import check_magnitudes
 from fdd.logs.wire.messages import objects_at_once
-from fdd.monitor.mapping import all_numbers, channels_in_si, column_of_rows, keys_of, stream_sources
 from fdd.monitor.stream_clock import Gaps, StreamClock
-from fdd.samples import Samples
+from fdd.samples import CHANNELS, Samples
 
 Array = NDArray[np.float64]
 
 CHECKED_S = 5.0
 """s of data after which the units of measure are checked once."""
 MOST_NAMES = 8
+
+
+class StreamMap:
+    """A channel map applied to what a stream sends: keys to channels in SI.
+
+    Parameters
+    ----------
+    channel_map : the contract's names in SI without one; the key ``time`` in s where it has no time.
+
+    Attributes
+    ----------
+    keys : all that are read, in order.
+
+    Raises InputError: the map has a topic, `wrap`, or `sign_of` of an angle, which need a whole log.
+
+    Examples
+    --------
+    >>> known = StreamMap(ChannelMap.from_yaml("position: {column: x, unit: mm, sign_of: s}"))
+    >>> list(known.keys), known.are_numbers({"x": 1, "name": "a"}), known.are_numbers({"x": True})
+    (['time', 'x', 's'], True, False)
+    >>> known.of_rows([{"x": 5, "s": 1}, {"x": None}, {}])
+    {'position': array([0.005,   nan,   nan])}
+    """
+
+    def __init__(self, channel_map: ChannelMap | None) -> None:
+        self.sources = {"time": ChannelSource(column="time")}
+        if channel_map is None:
+            self.sources |= {n: ChannelSource(column=n) for n in CHANNELS}
+        for name, source in {} if channel_map is None else channel_map.channels.items():
+            if source.from_ is not None:
+                continue  # the pipeline accumulates the pump's speed itself
+            angle = CHANNELS[name].dimension == "angle"
+            if source.column is None or source.wrap is not None or (angle and source.sign_of is not None):
+                no = "no topic, wrap or sign_of of an angle"
+                raise InputError(
+                    f"channel {name}: a stream takes plain columns only ({no})",
+                    mend="name the key of the JSON lines: {column: KEY, unit: UNIT}",
+                )
+            self.sources[name] = source
+        self.keys = dict.fromkeys(
+            k for s in self.sources.values() for k in (s.column, s.sign_of) if k is not None
+        )
+
+    def in_si(self, raw: Callable[[str], Array | None]) -> dict[str, Array]:
+        """The channels that are there, `time` among them; `raw` gives a key's numbers (n,), or None."""
+        out = {}
+        for name, source in self.sources.items():
+            values = raw(str(source.column))
+            if values is None:
+                continue
+            direction = raw(source.sign_of) if source.sign_of else None
+            if source.sign_of and direction is None:
+                direction = np.full(values.size, np.nan)
+            out[name] = to_si(name, source, values, direction)
+        return out
+
+    def of_rows(self, rows: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+        """The same of JSON objects, one a row; a channel that no row has is not there."""
+
+        def column(key: str) -> Array | None:
+            if not any(key in row for row in rows):
+                return None
+            return np.array([_number(row.get(key)) for row in rows], dtype=np.float64)
+
+        return self.in_si(column)
+
+    def are_numbers(self, row: Mapping[str, Any]) -> bool:
+        """Whether what is read of a JSON object are numbers or null."""
+        return all(row.get(key) is None or type(row[key]) in (float, int) for key in self.keys)
+
+
+def _number(value: Any) -> float:
+    if value is None:
+        return float("nan")
+    try:
+        return float(value)
+    except OverflowError:  # an integer beyond any float
+        return float("inf")
 
 
 def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], bytes, int]:
@@ -70,10 +149,9 @@ class LineParser:
     """
 
     def __init__(self, channel_map: ChannelMap | None = None) -> None:
-        self._sources = stream_sources(channel_map)
-        if "time" not in self._sources:
+        self._map = StreamMap(channel_map)
+        if channel_map is not None and "time" not in channel_map.channels:
             raise InputError("channel map: no time channel", mend="add e.g. time: {column: t, unit: s}")
-        self._keys = keys_of(self._sources)
         self.malformed = 0
         self.clock, self._gaps = StreamClock(), Gaps()
         self._not_finite = self._nan = 0
@@ -85,12 +163,10 @@ class LineParser:
     def samples(self, lines: list[bytes]) -> Samples:
         """The block that these lines hold, perhaps empty.
 
-        Raises
-        ------
-        InputError : the first seconds show that a channel is in another unit of measure.
+        Raises InputError: the first seconds show that a channel is in another unit of measure.
         """
         rows = [r for r in self._objects(lines) if self._usable(r)]
-        columns = channels_in_si(self._sources, lambda key: column_of_rows(rows, key))
+        columns = self._map.of_rows(rows)
         if "time" not in columns:
             self._count_malformed(len(rows))
             return Samples([], {})
@@ -99,8 +175,14 @@ class LineParser:
         self._count_malformed(int((~stamped).sum()))
         time, columns = time[stamped], {n: v[stamped] for n, v in columns.items()}
         time, kept = self.clock.follow(time)
-        block = Samples(time[kept], {n: self._finite(v[kept]) for n, v in columns.items()})
-        self._account(block)
+        infinite = {n: np.isinf(v[kept]) for n, v in columns.items()}
+        self._not_finite += int(sum(bad.sum() for bad in infinite.values()))
+        columns = {n: np.where(infinite[n], np.nan, v[kept]) for n, v in columns.items()}
+        block = Samples(time[kept], columns)
+        if len(block):
+            self._gaps.count(block.time)
+            self._nan += int(np.isnan(list(columns.values())).any(axis=0).sum()) if columns else 0
+            self._check_units(block)
         return block
 
     def _objects(self, lines: list[bytes]) -> list[dict[str, Any]]:
@@ -128,7 +210,7 @@ class LineParser:
                 # No more stamps than values, whatever n says: one too many refuses the block.
                 most = max(map(len, columns.values()), default=0) + 1
                 time = [start + period * k for k in range(min(n, most))]
-            stamps = {str(self._sources["time"].column): time} if time is not None else {}
+            stamps = {str(self._map.sources["time"].column): time} if time is not None else {}
             rows = [
                 dict(zip((*stamps, *columns), row, strict=True))
                 for row in zip(*stamps.values(), *columns.values(), strict=True)
@@ -143,26 +225,14 @@ class LineParser:
     def _usable(self, row: dict[str, Any]) -> bool:
         """Whether all that is read of a line are numbers; also collects names that nobody knows."""
         for key in row:
-            if key not in self._keys and len(self._unknown) < MOST_NAMES and key not in self._unknown:
+            if key not in self._map.keys and len(self._unknown) < MOST_NAMES and key not in self._unknown:
                 self._unknown[key] = None
                 self._remarks.append(f"{key[:40]!r} is no channel and is passed over")
-        usable = all_numbers(row, self._keys)
+        usable = self._map.are_numbers(row)
         self._count_malformed(int(not usable))
         return usable
 
-    def _finite(self, values: Array) -> Array:
-        infinite = np.isinf(values)
-        self._not_finite += int(infinite.sum())
-        return np.where(infinite, np.nan, values)
-
-    def _account(self, block: Samples) -> None:
-        if not len(block):
-            return
-        self._gaps.count(block.time)
-        gone = np.zeros(len(block), dtype=bool)
-        for name in block.channels:
-            gone |= np.isnan(block[name])
-        self._nan += int(gone.sum())
+    def _check_units(self, block: Samples) -> None:
         if self._unchecked is not None:
             self._unchecked.append(block)
             if block.time[-1] - self._unchecked[0].time[0] >= CHECKED_S:

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator
-from typing import Protocol
 
 import numpy as np
 
 from fdd.bounds import MOST_PENDING
 from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
-from fdd.monitor.clock import Clock
 from fdd.monitor.lines import LineParser, split_lines
 from fdd.samples import Samples
 
@@ -26,20 +25,20 @@ REPLAY_ROWS = 50_000
 READ_BYTES = 1 << 16
 
 
-class Source(Protocol):
-    """What the monitor takes samples from."""
+class WallClock:
+    """The machine's monotonic clock; waiting ends at once when `stop` is set."""
 
-    def __iter__(self) -> Iterator[Samples]:
-        """Blocks in time order; empty ones while nothing comes."""
-        ...
+    def __init__(self, stop: threading.Event) -> None:
+        self._stop = stop
 
-    def quality(self) -> Quality:
-        """What was missing or odd so far."""
-        ...
+    def now(self) -> float:
+        """Seconds since some instant."""
+        return time.monotonic()
 
-    def remarks(self) -> list[str]:
-        """Notes that are new since the last call."""
-        ...
+    def sleep(self, seconds: float) -> None:
+        """Wait for `seconds`, or until the monitor is told to stop."""
+        if seconds > 0.0:
+            self._stop.wait(seconds)
 
 
 def pieces(samples: Samples) -> Iterator[Samples]:
@@ -50,9 +49,9 @@ def pieces(samples: Samples) -> Iterator[Samples]:
     >>> [len(part) for part in pieces(Samples(np.arange(25) * 0.01, {}))]
     [10, 10, 5]
     """
-    time, row = samples.time, 0
-    while row < time.size:
-        stop = max(int(np.searchsorted(time, time[row] + BLOCK_S)), row + 1)
+    stamps, row = samples.time, 0
+    while row < stamps.size:
+        stop = max(int(np.searchsorted(stamps, stamps[row] + BLOCK_S)), row + 1)
         yield samples.rows(row, stop)
         row = stop
 
@@ -67,7 +66,7 @@ class Replay:
     clock : what it waits with.
     """
 
-    def __init__(self, samples: Samples, quality: Quality, *, speed: float | None, clock: Clock) -> None:
+    def __init__(self, samples: Samples, quality: Quality, *, speed: float | None, clock: WallClock) -> None:
         self.samples = samples
         self._quality, self._speed, self._clock = quality, speed, clock
 
@@ -107,8 +106,9 @@ class JsonLines:
     clock : tells when a block is due.
     """
 
-    def __init__(self, read: Callable[[int], bytes], parser: LineParser, *, clock: Clock) -> None:
+    def __init__(self, read: Callable[[int], bytes], parser: LineParser, *, clock: WallClock) -> None:
         self._read, self._parser, self._clock = read, parser, clock
+        self.quality, self.remarks = parser.quality, parser.remarks
         self._chunks: queue.Queue[bytes | BaseException] = queue.Queue(maxsize=64)
 
     def __iter__(self) -> Iterator[Samples]:
@@ -145,11 +145,3 @@ class JsonLines:
                     return
         except BaseException as error:  # handed over to the thread that iterates
             self._chunks.put(error)
-
-    def quality(self) -> Quality:
-        """Counts and notes of the stream so far."""
-        return self._parser.quality()
-
-    def remarks(self) -> list[str]:
-        """Notes that are new since the last call."""
-        return self._parser.remarks()

@@ -6,7 +6,7 @@ import hashlib
 import json
 import logging
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -23,11 +23,12 @@ from fdd.logs.quality import check_magnitudes
 from fdd.residuals.bins import FRAME_S
 from fdd.samples import Samples
 from fdd.service.blocks import Block
+from fdd.service.bus import Bus, Event
 from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR
 from fdd.service.order import Order
 from fdd.service.profiles import Learning
 from fdd.service.status import FRESH_S, LOOK_S, Recent
-from fdd.service.store import Checkpoint, Rollup, joined, parted
+from fdd.service.store import Checkpoint, Rollup
 from fdd.unit import Unit
 
 LOG = logging.getLogger("fdd.service")
@@ -65,7 +66,7 @@ class AxisWatch:
     Parameters
     ----------
     unit : profile. One without a baseline is learnt while nothing is found. hold : s, see `Order`.
-    learn_s : s of work after which a baseline is learnt. measured : takes its samples in the order of time.
+    learn_s : s of work after which a baseline is learnt. bus : is told its samples in the order of time.
 
     Attributes
     ----------
@@ -76,9 +77,9 @@ class AxisWatch:
 
     def __init__(
         self, name: str, unit: Unit, model: Model, hold: float = 0.5, learn_s: float = 3600.0,
-        measured: Callable[[Samples], None] = lambda samples: None,
+        bus: Bus | None = None,
     ) -> None:  # fmt: skip
-        self.name, self.model, self._measured, self._learn_s = name, model, measured, learn_s
+        self.name, self.model, self._bus, self._learn_s = name, model, bus or Bus(), learn_s
         self.order, self.recent = Order(hold), Recent()
         self.failed: str | None = None
         self.rollups: list[Rollup] = []
@@ -123,10 +124,34 @@ class AxisWatch:
         return self.settle(self.last_wall)
 
     def settle(self, wall: float, flush: bool = False) -> list[Look]:
-        """Take what waits for more (Unix seconds); with `flush` what is held for a block before it too."""
+        """Work what waits for more (Unix seconds); with `flush` what is held for a block before it too."""
         blocks, self._waiting = self._waiting, []
         samples = self.order.take(blocks)  # some at a time cost little more than one
-        return self._taken(Samples.concatenate([samples, self.order.flush()]) if flush else samples, wall)
+        if flush:
+            samples = Samples.concatenate([samples, self.order.flush()])
+        if not len(samples):
+            return []
+        self.samples += len(samples)
+        measured = {"samples": samples, "unit": self.unit}
+        self._bus.publish(Event("samples", self.name, float(samples.time[-1]), measured))
+        if len(samples) > 1:
+            self.rate_hz = float((len(samples) - 1) / samples.duration)
+        looks, last = list[Look](), float(samples.time[-1])
+        try:
+            samples = self._checked(samples)
+            if self.failed is None and len(samples):
+                # No longer than a look each, so that what a look finds is told at its own time.
+                edges = np.arange(samples.time[0] + LOOK_S, samples.time[-1], LOOK_S)
+                for a, b in pairwise([0, *samples.time.searchsorted(edges).tolist(), len(samples)]):
+                    if b > a:
+                        looks += self._worked(samples.rows(a, b), wall)
+        except InputError as error:
+            looks.append(self._failed(str(error), last))
+        except Exception as error:  # a fault of fdd: the other axes go on
+            LOG.exception("axis %s", self.name)
+            looks.append(self._failed(f"internal error: {type(error).__name__}: {error}", last))
+            self._rests_until = last + REST_S
+        return looks
 
     @property
     def waits(self) -> bool:
@@ -149,31 +174,6 @@ class AxisWatch:
         if abs(self.last_wall - last - self._start_wall) > CLOCK_GAP_S:
             self._start_wall = self.last_wall - last
         return self._start_wall + time
-
-    def _taken(self, samples: Samples, wall: float) -> list[Look]:
-        """The looks of samples that go on from the last ones."""
-        if not len(samples):
-            return []
-        self.samples += len(samples)
-        self._measured(samples)
-        if len(samples) > 1:
-            self.rate_hz = float((len(samples) - 1) / samples.duration)
-        looks, last = list[Look](), float(samples.time[-1])
-        try:
-            samples = self._checked(samples)
-            if self.failed is None and len(samples):
-                # No longer than a look each, so that what a look finds is told at its own time.
-                edges = np.arange(samples.time[0] + LOOK_S, samples.time[-1], LOOK_S)
-                for a, b in pairwise([0, *samples.time.searchsorted(edges).tolist(), len(samples)]):
-                    if b > a:
-                        looks += self._worked(samples.rows(a, b), wall)
-        except InputError as error:
-            looks.append(self._failed(str(error), last))
-        except Exception as error:  # a fault of fdd: the other axes go on
-            LOG.exception("axis %s", self.name)
-            looks.append(self._failed(f"internal error: {type(error).__name__}: {error}", last))
-            self._rests_until = last + REST_S
-        return looks
 
     def _checked(self, samples: Samples) -> Samples:
         """What may be worked now: samples wait until some seconds show that no channel is in a wrong unit of
@@ -251,6 +251,11 @@ class AxisWatch:
         names = ("late", "repeated", "reordered", "missing_blocks")
         return {"dropped": gaps.dropped, "gaps": gaps.jumps} | {name: counts[name] for name in names}
 
+    def about(self) -> dict[str, str]:
+        """What the store keeps of it beside its state."""
+        shas = {"profile_sha256": self.profile_sha256, "model_sha256": self.model.sha256}
+        return {"unit": self.unit.name, **shas}
+
     def _parts(self) -> dict[str, Any]:
         """What has a state of its own, by the prefix under which a checkpoint has it."""
         learning = {} if self.learning is None else {"learning": self.learning}
@@ -268,27 +273,25 @@ class AxisWatch:
         for prefix, part in self._parts().items():
             arrays |= {f"{prefix}|{k}": v for k, v in part.state().items()}
         time = float(np.nan_to_num(self.order.clock.last_time))
-        return Checkpoint(
-            axis=self.name, time=time, wall=wall, sequence=sequence, profile_sha256=self.profile_sha256,
-            model_sha256=self.model.sha256, version=VERSION, body=joined(arrays),
-        )  # fmt: skip
+        shas = self.profile_sha256, self.model.sha256
+        return Checkpoint(self.name, time, wall, sequence, *shas, VERSION, arrays)
 
-    def restore(self, checkpoint: Checkpoint) -> None:
+    def restore(self, kept: Checkpoint) -> None:
         """Go on from a checkpoint. Raises InputError: of another profile, model or version."""
         where, mend = f"axis {self.name}", "it starts anew"
         ours = (self.profile_sha256, self.model.sha256, VERSION)
-        if (checkpoint.profile_sha256, checkpoint.model_sha256, checkpoint.version) != ours:
+        if (kept.profile_sha256, kept.model_sha256, kept.version) != ours:
             problem = "its saved state is of another profile, model or version of fdd"
             raise InputError(problem, where=where, mend=mend)
         try:
-            arrays = parted(checkpoint.body)
-            scalars = json.loads(bytes(arrays["axis"]))
+            scalars = json.loads(bytes(kept.arrays["axis"]))
             self._learnt = scalars["learnt"]
             if self._learnt is not None:
                 self._take_over(Unit.from_yaml(self._learnt, where=where))
             for prefix, part in self._parts().items():
-                mine = {k.partition("|")[2]: v for k, v in arrays.items() if k.startswith(f"{prefix}|")}
-                part.restore(mine)
+                part.restore({
+                    k.partition("|")[2]: v for k, v in kept.arrays.items() if k.startswith(f"{prefix}|")
+                })  # fmt: skip
         except (ValueError, KeyError, TypeError) as error:
             problem = f"its saved state is damaged ({type(error).__name__})"
             raise InputError(problem, where=where, mend=mend) from None

@@ -1,9 +1,16 @@
-"""Who is followed under overload: the other axes' blocks are stored at once and worked when there is time."""
+"""Stored blocks that no axis's state holds yet: worked after a restart or, under overload, with time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+from fdd.service.axis import AxisWatch, Look
+from fdd.service.blocks import Decoder
+from fdd.service.life import worked_key
+from fdd.service.store import Store, Transaction
+from fdd.service.storing import Writer
 
 TURN_S = 1.0
 LEAST_SPARE, CALM_SPARE, ENOUGH_SPARE = 0.02, 0.08, 0.2
@@ -11,33 +18,27 @@ LEAST_SPARE, CALM_SPARE, ENOUGH_SPARE = 0.02, 0.08, 0.2
 are also below the second; above the third one catches up. Between them nobody goes to and fro."""
 PUT_OFF = 0.2
 """Share of the followed axes that is put off in a turn."""
+PORTION = 32
+"""Blocks that are worked between two steps of the fleet: some hundredths of a second."""
+MOST_NAMED = 3
 
 
 class Backlog:
-    """Axes that were put off, and when one is next.
+    """The store's journal for a fleet, and which axes are put off: their blocks are stored and worked later.
 
     Parameters
     ----------
-    most_bytes : of blocks that are stored and not worked. Beyond it axes catch up without spare time, which
-        makes all senders wait.
+    clock : Unix seconds. most_bytes : of blocks that are stored and not worked. Beyond it axes catch up
+        without spare time, which makes all senders wait.
 
     Attributes
     ----------
     newest : axis to the stamp of its newest block, s of the sender's clock. spare : share of the last turn.
-
-    Examples
-    --------
-    >>> backlog, axes = Backlog(), [f"A{k}" for k in range(5)]
-    >>> [backlog.turn(now, 0.0, waiting, axes) for now, waiting in ((0.0, 0.0), (1.0, 0.5), (2.0, 1.0))]
-    [[], [], ['A4']]
-    >>> for stamp in (7.0, math.nan):  # an empty block
-    ...     backlog.put_off("A4", stamp, 100)
-    >>> backlog.newest
-    {'A4': 7.0}
     """
 
-    def __init__(self, most_bytes: int = 4 << 30) -> None:
-        self._most_bytes = most_bytes
+    def __init__(self, store: Store, writer: Writer, clock: Callable[[], float], most_bytes: int) -> None:
+        self._store, self._writer, self._clock, self._most_bytes = store, writer, clock, most_bytes
+        self._decoder = Decoder()
         self.newest: dict[str, float] = {}
         self._bytes: dict[str, int] = {}
         self.spare, self._short = 1.0, 0
@@ -65,18 +66,25 @@ class Backlog:
             return []
         return [*followed[-max(1, round(PUT_OFF * len(followed))) :]]
 
-    def put_off(self, axis: str, stamp: float, size: int) -> None:
-        """An axis is put off, or another block of it was stored: its newest stamp (s; NaN where it has none),
-        bytes."""
+    def stored(self, axis: str, stamp: float, size: int) -> None:
+        """A block of an axis put off was stored: its newest stamp (s; NaN where it has none), bytes."""
         if axis not in self.newest or math.isfinite(stamp):
             self.newest[axis] = stamp
         self._bytes[axis] = self._bytes.get(axis, 0) + size
 
-    def worked(self, axis: str, size: int) -> None:
-        """Stored blocks of an axis were worked: bytes."""
-        self._bytes[axis] = max(0, self._bytes[axis] - size)
+    def put_off(self, axes: Sequence[str]) -> Callable[[Transaction], object]:
+        """From now on only store what comes of these axes; what notes in the store how far each is worked."""
+        for axis in axes:
+            self.stored(axis, math.nan, 0)
 
-    def followed_again(self, axis: str) -> None:
+        def write(t: Transaction) -> None:
+            # A row's number is known only now that this step's blocks are in the journal.
+            for axis in axes:
+                t.meta(worked_key(axis), str(self._writer.last_row.get(axis, 0)))
+
+        return write
+
+    def follow_again(self, axis: str) -> None:
         """An axis has caught up, or is forgotten."""
         self.newest.pop(axis, None)
         self._bytes.pop(axis, None)
@@ -95,3 +103,61 @@ class Backlog:
     def is_full(self) -> bool:
         """Whether more is stored than may be."""
         return sum(self._bytes.values()) > self._most_bytes
+
+    def _rows(self, axis: str, most: float = math.inf) -> Iterator[tuple[int, bytes]]:
+        """Blocks of an axis (row, payload) that are not in its state, at most so many."""
+        last = self._writer.last_row.get(axis, 0)
+        while most > 0 and (rows := self._store.journal(axis, last, int(min(most, PORTION)))):
+            yield from rows
+            last, most = rows[-1][0], most - len(rows)
+
+    def replayed(self, watch: AxisWatch) -> Iterator[list[Look]]:
+        """Work again what an axis had worked before a restart; what came while it was put off is left."""
+        worked = self._store.meta(worked_key(watch.name))
+        for number, payload in self._rows(watch.name):
+            if worked is not None and number > int(worked):
+                self.stored(watch.name, math.nan, self._store.journal_bytes(watch.name))
+                return
+            self._writer.last_row[watch.name] = number
+            yield self.work(watch, payload)
+        if worked is not None:
+            with self._store.transaction() as t:
+                t.forget(worked_key(watch.name))
+
+    def work(self, watch: AxisWatch, payload: bytes) -> list[Look]:
+        """Work a block of an axis; b"" is the end of its waiting."""
+        wall = self._clock() - self.behind_s(watch)
+        if not payload:
+            return watch.settle(wall, flush=True)
+        block = self._decoder.decode(payload, "journal", axis=watch.name)
+        return watch.push(replace(block, received=wall))
+
+    def behind_s(self, watch: AxisWatch) -> float:
+        """s of data that are stored and not worked yet, of an axis that is put off."""
+        clock = watch.order.clock
+        behind = self.newest.get(watch.name, math.nan) + clock.offset - clock.last_time
+        return max(behind, 0.0) if math.isfinite(behind) else 0.0
+
+    def portion(self, watch: AxisWatch) -> tuple[list[bytes], Callable[[Transaction], object]]:
+        """The next blocks of an axis that is put off, and what notes them; without more it is followed again.
+
+        Raises StoreTrouble: they cannot be read now.
+        """
+        axis, rows = watch.name, list(self._rows(watch.name, PORTION))
+        payloads = [payload for _, payload in rows]
+        if rows:
+            self._writer.last_row[axis] = rows[-1][0]
+        if len(rows) < PORTION:
+            self.follow_again(axis)
+            return payloads, lambda t: t.forget(worked_key(axis))
+        self._bytes[axis] = max(0, self._bytes[axis] - sum(map(len, payloads)))
+        return payloads, lambda t: t.meta(worked_key(axis), str(rows[-1][0]))
+
+    def problems(self, followed: int, off: Sequence[AxisWatch]) -> list[str]:
+        """What is behind, of the axes that are put off, in a line."""
+        if not off:
+            return []
+        behind, names = max(map(self.behind_s, off)), ", ".join(watch.name for watch in off[:MOST_NAMED])
+        more = f" and {len(off) - MOST_NAMED} more" if len(off) > MOST_NAMED else ""
+        told = f"overloaded: {followed} of {followed + len(off)} axes are followed, the others are stored"
+        return [f"{told} and worked later, {behind:.0f} s behind: {names}{more}"]

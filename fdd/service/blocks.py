@@ -7,18 +7,20 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from struct import error as StructError
+from struct import unpack_from
 from typing import Any
 
 import numpy as np
 import orjson
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from fdd.bounds import MAX_BLOCK_BYTES, MOST_BLOCK_COLUMNS, MOST_BLOCK_ROWS, MOST_SEQUENCE
 from fdd.errors import InputError
-from fdd.logs.channel_map import ChannelMap, ChannelSource
-from fdd.monitor.mapping import channels_in_si, keys_of, stream_sources
+from fdd.logs.channel_map import ChannelMap
+from fdd.monitor.lines import StreamMap
 from fdd.samples import Samples
-from fdd.service.arrow import ARROW_START, arrow_columns, arrow_payload
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,11 @@ _LONGEST_AXIS, _LONGEST_UNIT, _MOST_TOLD = 64, 200, 8
 _HEAD_BYTES = 8192
 """Of an Arrow message besides its numbers; one with more is not kept as it came."""
 _KEYS = "schema, axis, sequence, time, columns, unit"
+ARROW_START = b"\xff\xff\xff\xff"
+"""First bytes of an Arrow IPC stream."""
+DAMAGE = (pa.ArrowException, OSError, StructError, StopIteration, UnicodeDecodeError, MemoryError)
+FLOATS = (pa.float64().id, pa.float32().id)
+MEND = "send one record batch of float64 or float32 columns as an IPC stream, not compressed"
 
 
 def nothing() -> None:
@@ -95,15 +102,11 @@ class Decoder:
     channel_map : names and units of measure of the messages' columns; the contract's in SI without one.
         Without an entry for `time` the message's own times are taken, in s.
 
-    Raises
-    ------
-    InputError : the map has what a stream cannot use.
+    Raises InputError: the map has what a stream cannot use.
     """
 
     def __init__(self, channel_map: ChannelMap | None = None) -> None:
-        self.sources = {"time": ChannelSource(column="time"), **stream_sources(channel_map)}
-        self.keys = keys_of(self.sources)
-        self._plain = channel_map is None
+        self.map, self._plain = StreamMap(channel_map), channel_map is None
 
     def decode(self, payload: bytes, source: str = "", *, axis: str | None = None, **more: Any) -> Block:
         """The block that a message holds.
@@ -121,7 +124,7 @@ class Decoder:
             raise InputError(problem, mend="send shorter blocks")
         if payload.startswith(ARROW_START):
             columns, head = arrow_columns(payload)
-            ignored = tuple(k for k in columns if k not in self.keys)
+            ignored = tuple(k for k in columns if k not in self.map.keys)
             numbers = 8 * sum(v.size for v in columns.values())
             if self._plain and not ignored and len(payload) <= numbers + _HEAD_BYTES:
                 more["payload"] = payload
@@ -139,10 +142,10 @@ class Decoder:
                 f"columns is no object of at most {MOST_BLOCK_COLUMNS} lists",
                 mend='write "columns": {"position": [0.01, 0.02], ...}',
             )
-        columns = {name: json_numbers(name, given[name]) for name in self.keys if name in given}
+        columns = {name: json_numbers(name, given[name]) for name in self.map.keys if name in given}
         if "time" not in columns and message.get("time") is not None:
             columns["time"] = json_times(message["time"])
-        ignored = tuple(k for k in given if k not in self.keys) if len(columns) < len(given) else ()
+        ignored = tuple(k for k in given if k not in self.map.keys) if len(columns) < len(given) else ()
         return self._block(columns, message, source, more, ignored)
 
     def _block(
@@ -165,10 +168,10 @@ class Decoder:
 
     def _samples(self, columns: dict[str, Array]) -> Samples:
         if self._plain:
-            found = {n: columns[n] for n in self.sources if n in columns}
+            found = {n: columns[n] for n in self.map.sources if n in columns}
         else:
             with np.errstate(over="ignore"):  # beyond any number is missing, as infinity is
-                found = channels_in_si(self.sources, columns.get)
+                found = self.map.in_si(columns.get)
         stamps = found.pop("time", None)
         if stamps is None:
             mend = "give its times in s: a list, or start, period and n"
@@ -260,3 +263,76 @@ def json_times(given: object) -> Array:
         return float(start) + float(period) * np.arange(n, dtype=np.float64)
     except OverflowError:
         raise InputError("time starts, or goes on, beyond any number") from None
+
+
+def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
+    """Columns (n,) and head of a message.
+
+    Raises InputError: no Arrow stream of one bounded batch of floats.
+    """
+    try:
+        messages = pa.ipc.MessageReader.open_stream(payload)
+        schema = pa.ipc.read_schema(messages.read_next_message())
+        if len(schema) > MOST_BLOCK_COLUMNS or len(set(schema.names)) < len(schema):
+            raise InputError(f"more than {MOST_BLOCK_COLUMNS} columns, or one twice", mend=MEND)
+        odd = [n for n, t in zip(schema.names, schema.types, strict=True) if t.id not in FLOATS]
+        if odd:
+            raise InputError(f"column {odd[0][:40]!r} is not of float64 or float32", mend=MEND)
+        message = messages.read_next_message()
+        if _is_packed(message.metadata.to_pybytes()):
+            # A few bytes could unpack to more than memory holds.
+            raise InputError("compressed Arrow is not taken", mend=MEND)
+        batch = pa.ipc.read_record_batch(message, schema)
+        if batch.num_rows > MOST_BLOCK_ROWS:
+            raise InputError(
+                f"a block of {batch.num_rows} rows, at most {MOST_BLOCK_ROWS}", mend="send shorter ones"
+            )
+        batch.validate(full=True)
+        values = np.empty((batch.num_columns, batch.num_rows))
+        if values.size:
+            values = batch.to_tensor(null_to_nan=True, row_major=False).to_numpy().T.astype(float, copy=False)
+        more = next(iter(messages), None) is not None
+    except DAMAGE as error:
+        raise InputError(f"no Arrow stream ({type(error).__name__})", mend=MEND) from None
+    if more:
+        raise InputError("more than one record batch", mend=MEND)
+    told = schema.metadata or {}
+    keys = (k for k in ("schema", "axis", "sequence", "unit") if k.encode() in told)
+    head: dict[str, Any] = {k: told[k.encode()].decode(errors="replace") for k in keys}
+    text = head.get("sequence", "")
+    if text.isascii() and text.isdigit() and len(text) < 20:
+        head["sequence"] = int(text)
+    return dict(zip(schema.names, values, strict=True)), head
+
+
+def arrow_payload(columns: Mapping[str, Array], head: Mapping[str, Any]) -> bytes:
+    """An Arrow IPC stream of one record batch.
+
+    Parameters
+    ----------
+    columns : (n,) each. head : what stands in the schema's metadata.
+    """
+    fields = [pa.field(name, pa.float64()) for name in columns]
+    schema = pa.schema(fields, metadata={k: str(v) for k, v in head.items()})
+    out = pa.BufferOutputStream()
+    with pa.ipc.new_stream(out, schema) as writer:
+        writer.write_batch(pa.record_batch([pa.array(v) for v in columns.values()], schema=schema))
+    return bytes(out.getvalue())
+
+
+def _is_packed(flatbuffer: bytes) -> bool:
+    """Whether a record batch's metadata (Message.fbs of Arrow's format) name a compression."""
+    message = unpack_from("<I", flatbuffer)[0]
+    header = _field(flatbuffer, message, 2)
+    return (
+        header is not None
+        and _field(flatbuffer, header + unpack_from("<I", flatbuffer, header)[0], 3) is not None
+    )
+
+
+def _field(flatbuffer: bytes, table: int, number: int) -> int | None:
+    """Where a field of a flatbuffer's table stands; None where it is not given."""
+    names = table - unpack_from("<i", flatbuffer, table)[0]
+    size, at = unpack_from("<H", flatbuffer, names)[0], 4 + 2 * number
+    offset = unpack_from("<H", flatbuffer, names + at)[0] if at < size else 0
+    return table + offset if offset else None

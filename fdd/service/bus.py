@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 Kind = Literal["finding", "alarm", "status", "axis", "samples"]
 TOLD: tuple[Kind, ...] = ("finding", "alarm", "status", "axis")
-"""All that is told to the outside as it is; `samples` are an axis's next ones, in the order of time."""
+"""All that is told to the outside as it is; `samples` are an axis's next ones, with its unit."""
 MOST_EVENTS = 1000
 """That wait for a subscriber."""
 
@@ -21,7 +21,7 @@ class Event:
 
     Attributes
     ----------
-    time : s of the stream's clock. data : JSON-able but for `samples`; nobody changes it.
+    time : s of the stream's clock. data : JSON-able but for that of `samples`; nobody changes it.
     """
 
     kind: Kind

@@ -6,32 +6,32 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as TooLate
 from functools import partial
-from typing import Any
+from queue import SimpleQueue
+from typing import Any, TypeVar
 
 from fdd.bounds import MOST_AXES
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
-from fdd.samples import Samples
 from fdd.service import storing
 from fdd.service.alarms import ITSELF, Action, AlarmBook, Transition
 from fdd.service.axis import AxisWatch, Look
 from fdd.service.backlog import Backlog
 from fdd.service.blocks import Block, encode_arrow
 from fdd.service.bus import Bus, Event
-from fdd.service.checkpoints import Checkpoints
+from fdd.service.config import Serve
 from fdd.service.inbox import MOST_TAKEN, Inbox
-from fdd.service.journal import Journal
 from fdd.service.life import said_key, worked_key
-from fdd.service.profiles import Profiles
-from fdd.service.refused import Refused
+from fdd.service.profiles import Profiles, Share
 from fdd.service.status import AxisDetail, AxisStatus, status_of
 from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
-from fdd.service.storing import Asked, Batch, Targets, Writer
+from fdd.service.storing import Batch, Targets, Writer
 
 LOG = logging.getLogger("fdd.service")
-
+T = TypeVar("T")
 SILENT_S = 3.0
 """Without data of an axis, after which its reorder buffer is flushed. Only time counts in which the fleet had
 nothing to do, and of a step no more than it should take: a sender that waits for this process, or for the
@@ -40,8 +40,10 @@ PACE_S = 0.1
 """Blocks are gathered for so long: what they bring is stored at once."""
 FORGOTTEN_S = 60.0
 """Silence after which an axis goes that was refused, or sent less than its units can be checked by."""
-MOST_TOLD = 3
-"""Names of refused axes that health tells."""
+MOST_REFUSED, MOST_TOLD = 100, 3
+"""Names of refused axes that are known, as strangers may give any number, and that health tells."""
+ACT_S = 10.0
+"""Seconds that somebody waits for what he did to be stored."""
 
 
 class Fleet:
@@ -53,46 +55,35 @@ class Fleet:
 
     Parameters
     ----------
-    profiles : of the axes.
-    hold, learn_s : s, see `AxisWatch`. clock : Unix seconds. has : whether an axis is its own.
-    ids : see `AlarmBook`.
-    zone : of all axes' clock times, or of each; see `AxisStatus`.
+    config : the file. targets : of its outputs. share : the axes that are its own. clock : Unix seconds.
 
     Attributes
     ----------
-    writer : to its store, with what is wrong with it. backlog : axes that are put off under overload.
+    inbox : takes blocks. writer : to its store, with what is wrong with it.
+    backlog : axes that are put off under overload.
     resumed : share of the journal that was worked again after a restart, 1 once it is done.
+
+    Raises InputError: a model or profile that cannot be used.
     """
 
     def __init__(
-        self,
-        profiles: Profiles,
-        model: Model,
-        store: Store,
-        bus: Bus,
-        inbox: Inbox,
-        *,
-        targets: Targets = {},  # noqa: B006 (nobody changes it)
-        hold: float = 0.5,
-        learn_s: float = 3600.0,
+        self, config: Serve, store: Store, bus: Bus, targets: Targets | None = None, share: Share = Share(),
         clock: Callable[[], float] = time.time,
-        has: Callable[[str], bool] = lambda axis: True,
-        ids: tuple[int, int] = (1, 1),
-        zone: str | Mapping[str, str] | None = None,
-        backlog: Backlog | None = None,
-    ) -> None:
-        self._profiles, self._model, self._zone = profiles, model, zone
-        self._store, self._bus, self._inbox, self._targets = store, bus, inbox, targets
-        self._hold, self._learn_s, self._clock = hold, learn_s, clock
-        self._has, self._book = has, AlarmBook(ids=ids)
+    ) -> None:  # fmt: skip
+        self._config, self._store, self._bus, self._targets = config, store, bus, targets or {}
+        self._share, self._clock = share, clock
+        self._profiles, self._model = Profiles(config.units, config.fallback), Model.load(config.model)
+        self.inbox = Inbox(config.limits.inbox_seconds, config.limits.inbox_bytes)
+        self._book = AlarmBook(ids=(share.number + 1, share.of))
         self._axes: dict[str, AxisWatch] = {}
-        self._refused = Refused()
+        # Axes that send and cannot be watched: why, and how much of theirs was refused.
+        self._refused: dict[str, AxisStatus] = {}
         self._idle_s, self._ended, self._heard = 0.0, time.monotonic(), dict[str, float]()
-        self._asked = Asked()
+        # What other threads let this one do.
+        self._asked = SimpleQueue[tuple[Callable[[Batch], Any], Future[Any]]]()
         self._lock = threading.RLock()
-        self.writer, self.resumed, self.backlog = Writer(store), 0.0, backlog or Backlog()
-        self._checkpoints = Checkpoints(self.writer, model.sha256, clock)
-        self._journal = Journal(store, self.writer, self.backlog, clock)
+        self.writer, self.resumed = Writer(store), 0.0
+        self.backlog = Backlog(store, self.writer, clock, config.limits.backlog_bytes)
 
     def run(self, stop: threading.Event) -> None:
         """Work until `stop` is set; state is kept at the end."""
@@ -127,11 +118,11 @@ class Fleet:
             self.backlog.clear()
             self.writer.last_row.clear()
             self._refused.clear()
-            self._book.restore({**book, "alarms": [a for a in book["alarms"] if self._has(a["axis"])]})
+            self._book.restore({**book, "alarms": [a for a in book["alarms"] if self._share.has(a["axis"])]})
         waiting, worked = max(1, self._store.journal_rows()), 0
         for row in self._store.axes():
             name = row["name"]
-            if not self._has(name):
+            if not self._share.has(name):
                 continue
             # As its blocks say it, which is a file's name; the profile's own name may be another one.
             said = self._store.meta(said_key(name))
@@ -163,7 +154,7 @@ class Fleet:
         except InputError as error:
             note = str(error)
             watch = self._axes[watch.name] = self._new(watch.name, said)
-        replayed = self._journal.replayed(watch)
+        replayed = self.backlog.replayed(watch)
         while True:
             with self._lock:
                 if next(replayed, None) is None:
@@ -175,21 +166,18 @@ class Fleet:
                 t.audit(self._clock(), ITSELF, "STATE_DISCARDED", axis=watch.name, note=note)
 
     def _new(self, name: str, said: str | None) -> AxisWatch:
-        def measured(samples: Samples) -> None:
-            self._bus.publish(Event("samples", name, float(samples.time[-1]), {"samples": samples}))
-
         unit = self._profiles.find(name, said)
-        return AxisWatch(name, unit, self._model, self._hold, self._learn_s, measured)
+        hold, learn_s = self._config.limits.hold, 60.0 * self._config.learn_minutes
+        return AxisWatch(name, unit, self._model, hold, learn_s, self._bus)
 
     def _opened(self, name: str, said: str | None) -> AxisWatch:
-        watch = self._axes.get(name)
-        if watch is None:
+        if name not in self._axes:
             if len(self._axes) >= MOST_AXES:
                 mend = "remove one, or start another fdd serve for it"
                 raise InputError(f"axis {name}: more than {MOST_AXES} axes", mend=mend)
-            watch = self._axes[name] = self._new(name, said)
+            self._axes[name] = self._new(name, said)
             self._refused.pop(name, None)
-        return watch
+        return self._axes[name]
 
     def step(self, timeout: float, stop: threading.Event | None = None) -> int:
         """Take what waits, at most some tenths of a second of work; how many blocks.
@@ -198,17 +186,12 @@ class Fleet:
         ----------
         timeout : s to wait for the first one. stop : ends the waiting for a store that fails.
         """
-        blocks = self._inbox.take(timeout)
+        blocks = self.inbox.take(timeout)
         self._idle_s += min(time.monotonic() - self._ended, 2.0 * PACE_S)
         try:
             with self._lock:
                 batch = self._worked(blocks)
-            if not self.writer.write(batch, stop):
-                return 0
-            for block in blocks:
-                block.accepted()
-            self._tell(batch)
-            return len(blocks)
+            return len(blocks) if self._stored(batch, stop, blocks) else 0
         finally:
             self._ended = time.monotonic()
 
@@ -225,29 +208,16 @@ class Fleet:
                 return 0
             watch, batch = self._axes[name], Batch(self._targets, self._clock())
             try:
-                payloads, note = self._journal.portion(watch)
+                payloads, note = self.backlog.portion(watch)
             except StoreTrouble as error:
                 self.writer.failed(error)
                 return 0
             for payload in payloads:
-                wall = self._clock() - self._journal.behind_s(watch)
-                self._looked(watch, self._journal.work(watch, payload), wall, batch)
+                wall = self._clock() - self.backlog.behind_s(watch)
+                self._looked(watch, self.backlog.work(watch, payload), wall, batch)
             batch.writes.append(note)
-        if self.writer.write(batch, stop):
-            self._tell(batch)
+        self._stored(batch, stop)
         return len(payloads)
-
-    def _put_off(self, batch: Batch) -> None:
-        """Under overload follow fewer axes: those with an alarm first, then those that came first."""
-        now = time.monotonic()
-        if self.backlog.is_due(now):
-            alarmed = {alarm.axis for alarm in self._book.alarms()}
-            followed = [name for name in self._axes if name not in self.backlog.newest]
-            followed.sort(key=lambda name: name not in alarmed)
-            names = self.backlog.turn(now, self._idle_s, self._inbox.waiting_s, followed)
-            if names:
-                LOG.warning("overloaded: %d of %d axes are put off", len(names), len(followed))
-                batch.writes.append(self._journal.put_off(names))
 
     def _worked(self, blocks: list[Block]) -> Batch:
         batch = Batch(self._targets, self._clock())
@@ -258,20 +228,38 @@ class Fleet:
         for name, mine in by_axis.items():
             self._work(name, mine, batch)
         self._flush_silent(set(by_axis), batch)
-        self._asked.answer(batch)
+        while not self._asked.empty():
+            work, future = self._asked.get()
+            if future.set_running_or_notify_cancel():  # else nobody waits for it any more
+                try:
+                    batch.answers.append((future, work(batch)))
+                except (InputError, KeyError) as error:
+                    future.set_exception(error)
         batch.moved(self._book.tick(self._clock()))
-        self._put_off(batch)
         now = time.monotonic()
-        for watch in self._checkpoints.due(self._axes.values(), self.backlog.newest, now):
+        if self.backlog.is_due(now):  # those with an alarm are followed first, then those that came first
+            alarmed = {alarm.axis for alarm in self._book.alarms()}
+            followed = [name for name in self._axes if name not in self.backlog.newest]
+            followed.sort(key=lambda name: name not in alarmed)
+            if names := self.backlog.turn(now, self._idle_s, self.inbox.waiting_s, followed):
+                LOG.warning("overloaded: %d of %d axes are put off", len(names), len(followed))
+                batch.writes.append(self.backlog.put_off(names))
+        for watch in self.writer.due(self._axes.values(), self.backlog.newest, now):
             watch.kept = now
-            self._checkpoints.keep(watch, batch)
+            self.writer.keep(watch, batch)
         return batch
 
-    def _tell(self, batch: Batch) -> None:
+    def _stored(self, batch: Batch, stop: threading.Event | None, blocks: Sequence[Block] = ()) -> bool:
+        """Store a batch; only then its blocks are accepted, and anything is told."""
+        if not self.writer.write(batch, stop):
+            return False
+        for block in blocks:
+            block.accepted()
         for future, answer in batch.answers:
             future.set_result(answer)
         for event in batch.events:
             self._bus.publish(event)
+        return True
 
     def _work(self, name: str, blocks: list[Block], batch: Batch) -> None:
         known = name in self._axes
@@ -287,12 +275,12 @@ class Fleet:
         if name in self.backlog.newest:
             batch.put_off.add(name)
             newest = max((b.samples.time[-1] for b in blocks if len(b.samples)), default=math.nan)
-            self.backlog.put_off(name, float(newest), sum(len(payload) for _, payload in stored))
+            self.backlog.stored(name, float(newest), sum(len(payload) for _, payload in stored))
             return
         looks = watch.push(*blocks)
         wall = blocks[-1].received
         if not known:
-            known_of = self._checkpoints.about(watch)
+            known_of = watch.about()
             batch.writes += [
                 lambda t: t.axis(name, wall, **known_of),
                 lambda t: t.meta(said_key(name), blocks[0].unit or ""),
@@ -302,7 +290,16 @@ class Fleet:
         self._looked(watch, looks, wall, batch)
 
     def _refuse(self, name: str, why: str, samples: int = 0) -> None:
-        for oldest in self._refused.note(name, why, samples):
+        """Count samples that are refused, and why."""
+        if name not in self._refused:
+            LOG.warning("%s", why)
+            self._refused[name] = AxisStatus(
+                name=name, unit="", state="failed", headline=why, quality={"refused": 0}
+            )
+        self._refused[name].headline = why
+        self._refused[name].quality["refused"] += samples
+        for oldest in [*self._refused][: max(0, len(self._refused) - MOST_REFUSED)]:
+            del self._refused[oldest]
             self._heard.pop(oldest, None)
 
     def _forget_strangers(self, newcomers: int, batch: Batch) -> None:
@@ -323,11 +320,10 @@ class Fleet:
 
     def _forget(self, name: str, who: str, batch: Batch) -> None:
         """Watch an axis no longer: its state and its life go, its alarms and the audit stay."""
-        kept: tuple[dict[str, Any], ...] = (self._axes, self._refused, self._heard, self.writer.last_row)
-        for part in kept:
-            part.pop(name, None)
-        self._inbox.forget(name)
-        self.backlog.followed_again(name)
+        for kept in (self._axes, self._refused, self._heard, self.writer.last_row):
+            kept.pop(name, None)
+        self.inbox.forget(name)
+        self.backlog.follow_again(name)
         wall = self._clock()
         batch.moved(self._book.remove(name, who, wall))
         batch.writes += [
@@ -371,10 +367,9 @@ class Fleet:
             for watch in self._axes.values():
                 wall = self._clock()
                 self._looked(watch, watch.settle(wall), wall, batch)
-                if self._checkpoints.may(watch):
-                    self._checkpoints.keep(watch, batch)
-        if self.writer.write(batch, stop):
-            self._tell(batch)
+                if self.writer.may_keep(watch):
+                    self.writer.keep(watch, batch)
+        self._stored(batch, stop)
 
     def problems(self) -> list[str]:
         """What hinders it, a line each; answered at once, whatever it does."""
@@ -382,9 +377,9 @@ class Fleet:
         if self.resumed < 1.0:
             found.append(f"resuming, {100 * self.resumed:.0f} %")
         off = [watch for name in list(self.backlog.newest) if (watch := self._axes.get(name)) is not None]
-        behind = self._journal.problems(len(self._axes) - len(off), off)
+        behind = self.backlog.problems(len(self._axes) - len(off), off)
         refused = [status.headline for status in list(self._refused.values())[:MOST_TOLD]]
-        return found + refused + self._inbox.problems() + behind
+        return found + refused + self.inbox.problems() + behind
 
     @property
     def count(self) -> int:
@@ -397,18 +392,13 @@ class Fleet:
             return [*map(self._status, self._axes.values()), *self._refused.values()]
 
     def _status(self, watch: AxisWatch) -> AxisStatus:
-        zone = self._zone.get(watch.name) if isinstance(self._zone, Mapping) else self._zone
-        counters = self._inbox.counters(watch.name)
+        zone = self._config.zone
+        zone = zone.get(watch.name) if isinstance(zone, dict) else zone
+        counters = self.inbox.counters(watch.name)
         if watch.name in self.backlog.newest:
-            counters["lag_s"] += self._journal.behind_s(watch)
+            counters["lag_s"] += self.backlog.behind_s(watch)
             counters["put_off"] = 1.0
         return status_of(watch, self._book.alarms(watch.name), counters, self._clock(), zone)
-
-    def profile_of(self, name: str) -> str | None:
-        """An axis's profile as YAML; None where there is no such axis."""
-        with self._lock:
-            watch = self._axes.get(name)
-            return None if watch is None else watch.unit.to_yaml()
 
     def axis(self, name: str) -> AxisDetail:
         """One axis with its last ten minutes. Raises KeyError: no such axis."""
@@ -424,12 +414,10 @@ class Fleet:
         """
 
         def work(batch: Batch) -> Transition:
-            transition = self._book.act(action, self._clock())
-            batch.moved([transition])
+            batch.moved([transition := self._book.act(action, self._clock())])
             return transition
 
-        done: Transition = self._asked.ask(work)
-        return done
+        return self._ask(work)
 
     def remove(self, axis: str, who: str) -> None:
         """Watch an axis no longer, and forget its life; if it sends again it begins anew.
@@ -438,8 +426,19 @@ class Fleet:
         """
 
         def work(batch: Batch) -> None:
-            if axis not in self._axes and axis not in self._refused:
+            if axis not in self._axes.keys() | self._refused.keys():
                 raise KeyError(axis)
             self._forget(axis, who, batch)
 
-        self._asked.ask(work)
+        self._ask(work)
+
+    def _ask(self, work: Callable[[Batch], T]) -> T:
+        """Let the fleet's thread do something, and wait until it is stored."""
+        future: Future[T] = Future()
+        self._asked.put((work, future))
+        try:
+            return future.result(ACT_S)
+        except TooLate:
+            future.cancel()
+            problem = f"not stored within {ACT_S:g} s: the store is away, or the service is busy"
+            raise StoreTrouble(problem, mend="try again") from None

@@ -194,13 +194,10 @@ class Order:
             return bool(self._newest - samples.time[-1] >= self._hold)
         if key <= self._expected or (isnan(self._expected) and key == 0.0):
             return True
-        return len(self._held) > MOST_HELD_BLOCKS or self._held_seconds() > self._hold
-
-    def _held_seconds(self) -> float:
-        """Data held, s, in the order of numbers; a clock that was set in between does not count."""
+        # Of what is held, in the order of numbers, a clock that was set in between does not count.
         steps = np.diff([rows.time[0] for _, rows in self._held])
-        plain = (steps > 0.0) & (steps < CLOCK_AHEAD_S)
-        return float(steps[plain].sum()) + self._held[-1][1].duration
+        held_s = steps[(steps > 0.0) & (steps < CLOCK_AHEAD_S)].sum() + self._held[-1][1].duration
+        return len(self._held) > MOST_HELD_BLOCKS or bool(held_s > self._hold)
 
     def _give_up(self, number: float) -> None:
         """Wait no longer for the blocks before one; before a stream's first none is known to be missing."""

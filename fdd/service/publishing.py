@@ -14,8 +14,7 @@ import numpy as np
 from paho.mqtt.reasoncodes import ReasonCode
 
 from fdd.errors import InputError
-from fdd.monitor.clock import WallClock
-from fdd.monitor.sources import pieces
+from fdd.monitor.sources import WallClock, pieces
 from fdd.samples import Samples
 from fdd.service.blocks import Block, encode_arrow
 from fdd.service.config_sources import Broker
@@ -72,27 +71,24 @@ def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], sto
     client.on_connect = lambda client, data, flags, reason, more: connected.put(reason)
     client.on_publish = lambda client, data, number, reason, more: taken.put(reason)
 
-    def refusal(answers: queue.Queue[ReasonCode]) -> str:
-        """Why the broker refuses what it answers next; "" where it does not."""
+    def require(answers: queue.Queue[ReasonCode], problem: str, mend: str) -> None:
+        """Wait for what the broker answers next; after `stop` whatever it is."""
         try:
             reason = answers.get(timeout=ANSWER_S)
+            refused = reason.getName() if reason.is_failure else ""
         except queue.Empty:
-            return "no answer"
-        return reason.getName() if reason.is_failure else ""
-
-    def failure(problem: str, mend: str) -> InputError:
-        return InputError(problem, where=broker.shown, mend=mend)
+            refused = "no answer"
+        if refused and not stop.is_set():
+            raise InputError(f"{problem} ({refused})", where=broker.shown, mend=mend)
 
     try:
         client.connect(broker.host, broker.chosen_port, broker.keepalive)
     except OSError as error:
         problem = f"the broker cannot be reached ({error.strerror or error})"
-        raise failure(problem, "check host and port") from None
+        raise InputError(problem, where=broker.shown, mend="check host and port") from None
     client.loop_start()
     try:
-        if refused := refusal(connected):
-            problem = f"the broker refuses the connection ({refused})"
-            raise failure(problem, "check the user and its password")
+        require(connected, "the broker refuses the connection", "check the user and its password")
         clock = WallClock(stop)
         begun = clock.now()
         for when, place, payload in messages:
@@ -101,12 +97,10 @@ def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], sto
                 return
             client.publish(place, payload, qos=1)
         for number in range(len(messages)):
-            refused = refusal(taken)
+            problem = f"the broker took {number} of {len(messages)} blocks"
+            require(taken, problem, "give this user the right to publish there")
             if stop.is_set():
                 return
-            if refused:
-                problem = f"the broker took {number} of {len(messages)} blocks ({refused})"
-                raise failure(problem, "give this user the right to publish there")
     finally:
         client.disconnect()
         client.loop_stop()

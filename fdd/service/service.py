@@ -17,8 +17,8 @@ from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.http.app import Server
 from fdd.service.http.tokens import Tokens
-from fdd.service.outputs.delivery import Outputs
 from fdd.service.outputs.metrics import Metrics
+from fdd.service.outputs.targets import Outputs
 from fdd.service.shards import Shards
 from fdd.service.store import Store, StoreTrouble
 from fdd.service.watch import Watch, check
@@ -43,9 +43,7 @@ class Service:
     address : what a browser opens. tokens : who may call; None lets everybody in as admin.
     metrics : the text and its type for Prometheus's Accept header.
 
-    Raises
-    ------
-    InputError : a profile, a port, a file or the store that cannot be used.
+    Raises InputError: a profile, a port, a file or the store that cannot be used.
     """
 
     def __init__(self, config: Serve, engine: Engine = "local") -> None:
@@ -58,7 +56,7 @@ class Service:
         # With Ray each shard records by itself: the samples are there.
         ray = engine == "ray"
         outputs = config.outputs.model_copy(update={"recording": None}) if ray else config.outputs
-        self._outputs = Outputs(outputs, self.store, self.bus, lambda axis: self.fleet.profile_of(axis))
+        self._outputs = Outputs(outputs, self.store, self.bus)
         watching: type[Watch | Shards] = Shards if ray else Watch
         self.fleet = watching(config, self.store, self.bus, self._outputs.targets)
         self.tokens = None if config.tokens is None else Tokens.load(config.tokens)
@@ -101,7 +99,11 @@ class Service:
                 self._log_problems()
                 if time.monotonic() - compacted >= COMPACT_S:
                     compacted = time.monotonic()
-                    self._compact()
+                    try:
+                        gone = self.store.compact(time.time(), **self.config.retention.model_dump())
+                        LOG.info("compacted: %s", gone)
+                    except InputError as error:
+                        LOG.warning("not compacted: %s", error)
         finally:
             stop.set()
             self._server.stop()
@@ -131,14 +133,6 @@ class Service:
             self._failure = error
         finally:
             stop.set()
-
-    def _compact(self) -> None:
-        try:
-            gone = self.store.compact(time.time(), **self.config.retention.model_dump())
-        except InputError as error:
-            LOG.warning("not compacted: %s", error)
-        else:
-            LOG.info("compacted: %s", gone)
 
 
 def _opened(url: str) -> Store:

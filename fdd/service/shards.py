@@ -17,11 +17,13 @@ from fdd.service.bus import Bus, Event
 from fdd.service.config import Outputs as OutputsConfig
 from fdd.service.config import Serve
 from fdd.service.config_sources import MqttSource, source_name
-from fdd.service.outputs.delivery import Outputs
+from fdd.service.fleet import ACT_S
+from fdd.service.outputs.targets import Outputs
+from fdd.service.profiles import Share
 from fdd.service.status import AxisDetail, AxisStatus
 from fdd.service.store import LeaseLost, Store, StoreTrouble
-from fdd.service.storing import ACT_S, Targets
-from fdd.service.watch import Share, Watch
+from fdd.service.storing import Targets
+from fdd.service.watch import Watch
 
 LOG = logging.getLogger("fdd.service")
 AGAIN_S = 3.0
@@ -90,7 +92,7 @@ class Shard:
         try:
             # From here on nobody else writes what this shard reads next.
             store.claim(f"shard {self._share.number}")
-            outputs = Outputs(self._config.outputs, store, self._bus, lambda axis: watch.profile_of(axis))
+            outputs = Outputs(self._config.outputs, store, self._bus)
             watch = self._watch = Watch(self._config, store, self._bus, self._targets, self._share)
             outputs.start(ended)
             try:
@@ -110,8 +112,7 @@ class Shard:
 
     def news(self) -> News:
         """What happened since the last call, waiting a moment for it."""
-        events = []
-        event = self._events.get(NEWS_S)
+        events, event = list[Event](), self._events.get(NEWS_S)
         while event is not None:
             events.append(event)
             event = self._events.get() if len(events) < MOST_EVENTS else None
@@ -134,9 +135,7 @@ class Shards:
     config : the file. store : with the service's lease; shards open it by its URL. bus : is told what the
         shards tell.
 
-    Raises
-    ------
-    InputError : a source that cannot be read in shards, or no Ray.
+    Raises InputError: a source that cannot be read in shards, or no Ray.
     """
 
     def __init__(self, config: Serve, store: Store, bus: Bus, targets: Targets) -> None:
@@ -232,20 +231,15 @@ class Shards:
 
     def axis(self, name: str) -> AxisDetail:
         """One axis with its last ten minutes; raises KeyError, or StoreTrouble where its shard is away."""
-        detail: AxisDetail = self._asked(self._share_of(name), "axis", name)
-        return detail
-
-    def profile_of(self, name: str) -> str | None:
-        """None: each shard records by itself."""
-        return None
+        return self._asked(self._share_of(name), "axis", name)
 
     def act(self, action: Action) -> Transition:
         """Do something to an alarm; it is stored when this returns. Raises as that of a fleet."""
         alarm = self._store.alarm(action.alarm_id)
         if alarm is None:
             raise InputError(f"there is no alarm {action.alarm_id}", mend="look at the list anew")
-        done: Transition = self._asked(self._share_of(alarm["axis"]), "act", action, most=ACT_S + ASK_S)
-        return done
+        share = self._share_of(alarm["axis"])
+        return self._asked(share, "act", action, most=ACT_S + ASK_S)
 
     def remove(self, axis: str, who: str) -> None:
         """Watch an axis no longer; raises as that of a fleet."""
@@ -271,9 +265,7 @@ class Shards:
 def part_of(config: Serve, share: Share) -> Serve:
     """The file as one shard has it: with sessions of its own at the brokers, and a folder for its recordings.
 
-    Raises
-    ------
-    InputError : a source that several shards cannot read, each its own axes.
+    Raises InputError: a source that several shards cannot read, each its own axes.
 
     Examples
     --------

@@ -156,7 +156,6 @@ def _headline(watch: AxisWatch, live: Sequence[Alarm], silent: bool, zone: str |
 
 
 def _clock_time(wall: float | None, zone: str | None) -> str:
-    """A Unix time as a clock in a zone shows it."""
     if wall is None:
         return "the service began"
     place = None if zone is None else ZoneInfo(zone)

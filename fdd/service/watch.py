@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import gc
-import hashlib
 import ssl
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +12,12 @@ from fdd.bounds import MOST_AXES
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.files import require_writable
-from fdd.service.backlog import Backlog
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.config_sources import read_secret
 from fdd.service.fleet import Fleet
 from fdd.service.http.tokens import Tokens
-from fdd.service.inbox import Inbox
-from fdd.service.profiles import Profiles
+from fdd.service.profiles import Profiles, Share
 from fdd.service.sources import open_source
 from fdd.service.store import Store
 from fdd.service.storing import Targets
@@ -31,52 +27,20 @@ GC_THRESHOLD = 50_000
 """Python's own is 700: waiting blocks of a hundred axes would start the garbage collector all the time."""
 
 
-@dataclass(frozen=True)
-class Share:
-    """Part `number` (from 0) of `of`, by a hash of the axis's name; all axes where nothing is said.
-
-    Examples
-    --------
-    >>> [sum(Share(k, 2).has(f"A{n}") for n in range(100)) for k in range(2)]
-    [51, 49]
-    """
-
-    number: int = 0
-    of: int = 1
-
-    def has(self, axis: str) -> bool:
-        """Whether an axis is in it."""
-        digest = hashlib.blake2b(axis.encode(), digest_size=8).digest()
-        return int.from_bytes(digest) % self.of == self.number
-
-
 class Watch(Fleet):
     """The fleet of a `serve.yaml` with its sources.
-
-    Parameters
-    ----------
-    config : the file. share : the axes that are watched.
-
-    Raises
-    ------
-    InputError : a model or channel map that cannot be used.
 
     Attributes
     ----------
     began : set once all sources have begun.
+
+    Raises InputError: a model, profile or channel map that cannot be used.
     """
 
     def __init__(
         self, config: Serve, store: Store, bus: Bus, targets: Targets, share: Share = Share()
     ) -> None:
-        inbox = Inbox(config.limits.inbox_seconds, config.limits.inbox_bytes)
-        super().__init__(
-            Profiles(config.units, config.fallback), Model.load(config.model), store, bus, inbox,
-            targets=targets,
-            hold=config.limits.hold, learn_s=60.0 * config.learn_minutes,
-            has=share.has, ids=(share.number + 1, share.of), zone=config.zone,
-            backlog=Backlog(config.limits.backlog_bytes),
-        )  # fmt: skip
+        super().__init__(config, store, bus, targets, share)
         self.began = threading.Event()
         self._sources = [open_source(source, share.has) for source in config.sources]
 
@@ -90,11 +54,11 @@ class Watch(Fleet):
         gc.set_threshold(GC_THRESHOLD)
         try:
             for source in self._sources:
-                source.start(self._inbox.put, ended)
+                source.start(self.inbox.put, ended)
             self.began.set()
             super().run(stop)
         finally:
-            self._inbox.close()
+            self.inbox.close()
             ended.set()
 
     def problems(self) -> list[str]:

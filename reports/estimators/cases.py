@@ -55,11 +55,7 @@ MINIMUM = ("position", "pump_speed", "pressure_difference")
 
 @dataclass(frozen=True)
 class Case:
-    """One case.
-
-    `duty`: of `MOTIONS`. `load`: of `LOADS`. `minimum`: whether the estimators have the `MINIMUM` of sensors
-    instead of `ALL`.
-    """
+    """A duty of `MOTIONS` under a load of `LOADS`, with the `MINIMUM` of sensors or `ALL`."""
 
     duty: str
     load: str
@@ -116,10 +112,7 @@ def quantities(
 ) -> tuple[Array, Array]:
     """The tracked quantities and their standard deviations in SI, as `fdd.residuals.tracking.estimates`.
 
-    `states`, `variances`: (n, STATES). `viscosity`: (n,). `unit`, `model`: the profile that the estimators
-    have, and its parameter array.
-
-    Gives `values`, `stds`: (4, n) each, in the order of `QUANTITIES`.
+    `states`, `variances`: (n, STATES). Gives `values`, `stds`: (4, n) each, in the order of `QUANTITIES`.
     """
     records = np.zeros(states.shape[0], layout.RECORD)
     records["state"], records["variance"], records["viscosity"] = states, variances, viscosity
@@ -208,9 +201,7 @@ def assumed(tracker: EhaTracker) -> Assumed:
 
 
 @njit(error_model="numpy")
-def chamber_noise(
-    p1: float, p2: float, p_acc: float, known: bool, sizes: Sizes
-) -> tuple[float, float]:  # fmt: skip
+def chamber_noise(p1: float, p2: float, p_acc: float, known: bool, sizes: Sizes) -> tuple[float, float]:
     """Standard deviation of each chamber's unmodelled volume (mm³) over one millisecond.
 
     Large where the accumulator may feed the chamber or the relief valve may open. Without a sensor of the

@@ -64,12 +64,8 @@ MOST_THROTTLE = 2.5e5
 """N/(m/s)²: more would open the relief valves at the fastest motion."""
 LEAST = {eha.LEAK: 0.1, eha.VALVE1: 0.0, eha.VALVE2: 0.0, eha.FRIC: 0.1, eha.AIR: -1.5}
 """Where a walk is turned back: less is not physical, and the estimators' own limits lie there."""
-_LOADS = {
-    "constant": (eha.LOAD,),
-    "spring": (eha.LOAD, eha.STIF),
-    "throttle": (eha.THROT,),
-    "gust": (eha.LOAD,),
-}
+_LOADS = {"constant": (eha.LOAD,), "spring": (eha.LOAD, eha.STIF), "throttle": (eha.THROT,),
+          "gust": (eha.LOAD,)}  # fmt: skip
 _OF_LOAD = (eha.LOAD, eha.STIF, eha.THROT, eha.INERT)
 
 
@@ -92,11 +88,7 @@ def draw(
     case: Case, duration: float, model: eha.Parameters, prior: Assumed, rng: np.random.Generator,
     jump: Jump | None = None,
 ) -> tuple[Trajectory, Array]:  # fmt: skip
-    """Draw one run.
-
-    `case`: its duty and load; loads take the parts of the model that are theirs, drawn from the prior.
-    `duration`: s. `model`: parameter array of the unit. `prior`: what the filter assumes. `jump`: of one
-    parameter, beside its walk.
+    """Draw one run of `duration` s; loads take the parts of the model that are theirs, drawn from the prior.
 
     Gives `truth`: the run. `block`: (n, 9) what the case's sensors show, as `EhaTracker.push` takes it.
     """
@@ -186,9 +178,8 @@ def _force(position: Array, parameters: Array, model: eha.Parameters, errors: Ar
     """
     v = np.diff(position, prepend=position[0])
     p = parameters
-    kinds = (
-        p[:, eha.FRIC] * _curve(v, model) + p[:, eha.VISC] * v + p[:, eha.LOAD] + p[:, eha.STIF] * position
-    )
+    kinds = p[:, eha.FRIC] * _curve(v, model) + p[:, eha.VISC] * v + p[:, eha.LOAD]
+    kinds += p[:, eha.STIF] * position
     kinds += (p[:, eha.THROT] * v + p[:, eha.SKEW]) * np.abs(v)
     acceleration = np.diff(v, prepend=v[0]) * 1e3
     smooth = gaussian_filter1d(kinds, SMOOTHING, mode="nearest")
@@ -207,9 +198,8 @@ def _curve(v: Array, q: eha.Parameters) -> Array:
 
 @njit(error_model="numpy")
 def _follow(
-    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float,
-    charged: float, low: Array,
-    q: eha.Parameters, states: Array,
+    position: Array, parameters: Array, force: Array, volumes: Array, p_acc: float, charged: float,
+    low: Array, q: eha.Parameters, states: Array,
 ) -> None:  # fmt: skip
     """Walk along the positions: the pump turns as pressures and forces demand.
 
@@ -260,12 +250,8 @@ def eha_bound(truth: Trajectory, q: eha.Parameters, prior: Assumed, minimum: boo
     The same noise and the same statement of the model as the estimators': flow noise large where a chamber is
     fed, friction known by 20 ms mean force balances while the piston has slid one way for 80 ms, each with
     the standard deviation ``Noise.force_mean``, and not by the single samples. Their further caution, such as
-    noise that grows with the load's unrest, is not in the bound.
-
-    `truth`: the run. `q`: parameter array. `prior`: initial spread and noise. `minimum`: of all pressures the
-    chambers' difference alone is measured. `rows`: (k,) ascending, where the bound is wanted.
-
-    Gives (k, STATES) variances, model units.
+    noise that grows with the load's unrest, is not in the bound. `minimum`: of all pressures the chambers'
+    difference alone is measured. Gives (k, STATES) variances, model units, at rows (k,), ascending.
 
     For ``x_k = f(x_{k-1}) + w``, ``z_k = h(x_k) + v`` with Gaussian noise the information matrix obeys
     ``J_k = (Q + F J_{k-1}^-1 F')^-1 + H' R^-1 H`` with F and H taken at the true states (Tichavský, Muravchik

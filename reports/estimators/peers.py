@@ -75,9 +75,7 @@ class _Model:
 def run_peer(
     name: str, q: eha.Parameters, prior: Assumed, block: Array, minimum: bool, rows: Rows
 ) -> tuple[Array, Array]:
-    """Run one of `PEERS` over a block.
-
-    The block is as the tracker takes it, without gaps; rows (k,) are ascending.
+    """Run one of `PEERS` over a block as the tracker takes it, without gaps; rows (k,) are ascending.
 
     Gives `states`, `variances`: (k, STATES); NaN from where the peer's covariance was lost.
     """

@@ -95,9 +95,8 @@ def _words(name: str) -> str:
 def accuracy(errors: pd.DataFrame) -> pd.DataFrame:
     """Of each world, case, quantity and method, in percent of the truth, viscous friction in N·s/m.
 
-    Columns: flagged (share of the checks at which the filter calls it observable), counted (1 where that is
-    often enough: the rest is over those checks, else over all), rmse, bias and spread of the errors, claimed
-    and bound (rms of the standard deviations).
+    flagged: share of the checks at which the filter calls it observable; counted: 1 where that is often
+    enough (the rest is over those checks, else over all); claimed, bound: rms of the standard deviations.
     """
 
     def figures(rows: pd.DataFrame) -> pd.Series:

@@ -73,11 +73,7 @@ BY_NAME = {case.name: case for case in CASES}
 
 @dataclass(frozen=True)
 class Data:
-    """One run before any filter has seen it.
-
-    `unit`: the profile that the filters have. `tracking`: both filters, untouched. `prior`: what they assume.
-    `block`: (n, 9) their input. `truth`: what really was.
-    """
+    """One run before any filter has seen it: profile, both filters, what they assume, their input (n, 9)."""
 
     case: Case
     unit: Unit
@@ -125,16 +121,12 @@ def draw_rig(profile: Unit, prior: Assumed, rng: np.random.Generator) -> tuple[U
     oil = rig.oil
     air = max(oil.air_fraction + prior.spread[eha.AIR] * 1e-3 * z[1], 2e-4)
     added = (air - oil.air_fraction) * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
-    rig.oil = oil.model_copy(
-        update={"air_fraction": air, "bulk_modulus": 1.0 / (1.0 / oil.bulk_modulus + added)}
-    )
+    modulus = 1.0 / (1.0 / oil.bulk_modulus + added)
+    rig.oil = oil.model_copy(update={"air_fraction": air, "bulk_modulus": modulus})
     for name in ("forward", "reverse"):
         branch = getattr(rig.friction, name)
-        drawn = {
-            "coulomb": branch.coulomb * rub,
-            "static": branch.static * rub,
-            "viscous": max(branch.viscous + prior.spread[eha.VISC] * z[4], 0.0),
-        }
+        viscous = max(branch.viscous + prior.spread[eha.VISC] * z[4], 0.0)
+        drawn = {"coulomb": branch.coulomb * rub, "static": branch.static * rub, "viscous": viscous}
         setattr(rig.friction, name, branch.model_copy(update=drawn))
     details: dict[str, Any] = {name: float(rng.uniform(*bounds)) for name, bounds in Details.usual.items()}
     details["pump_teeth"] = round(details["pump_teeth"])
@@ -213,9 +205,8 @@ def _rows_of(method: str, **each: Array) -> pd.DataFrame:
 def evaluate(data: Data) -> dict[str, pd.DataFrame]:
     """Run both filters and the bound over one run's data.
 
-    Gives `errors`: a row for each method, quantity and check: truth, bound (standard deviation), error
-    (estimate less truth), std (claimed), flag (whether the filter calls it observable); SI. `consistency`: a
-    row for each method: nees of the four parameters at the end, and their errors in sigmas.
+    Gives `errors`, for each method, quantity and check: truth, bound and claimed standard deviation, error,
+    flag (called observable), SI; `consistency`, for each method: nees at the end, and errors in sigmas.
     """
     truth, decimation, tracked = data.truth, data.tracking.trackers["ekf"].decimation, list(TRACKED)
     n = truth.states.shape[0]
@@ -248,10 +239,8 @@ def evaluate(data: Data) -> dict[str, pd.DataFrame]:
 def step_run(data: Data, quantity: str) -> pd.DataFrame:
     """One run with a change of `quantity` by `CHANGE` at `ONSET`, all sensors, in motion.
 
-    The change is that of the truth. Before it counts what the filter estimates there, right or wrong.
-
-    Gives a row for each method: half (s until half of the change is followed, infinite where it never was)
-    and response, (len(GRID),) share of the change that is followed.
+    Gives for each method: half (s until half of the true change is followed from what was estimated before,
+    infinite where it never was) and response, (len(GRID),) share of the change that is followed.
     """
     at = round(ONSET * 1e3) + np.array([-1, 2])
     before, after = _quantities(data, at, data.truth.states[at])[0][QUANTITIES.index(quantity)]
@@ -284,8 +273,7 @@ def peer_run(data: Data) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is measured: runs of each case and change, runs of each case beside filterpy, s of a run,
-    which cases, and which quantities are changed."""
+    """How much is measured: runs of each case and change, of each beside filterpy, s of a run, which ones."""
 
     runs: int = 100
     peers: int = 3

@@ -11,18 +11,15 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
-from fdd.service.arrow import arrow_payload
-from fdd.service.blocks import SCHEMA, Decoder
+from fdd.service.blocks import SCHEMA, Decoder, arrow_payload
 from fdd.service.bus import Bus
+from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
-from fdd.service.inbox import Inbox
-from fdd.service.profiles import Profiles
 from fdd.service.store import Store
 from fdd.unit import Unit
 from reports.service import resident
@@ -57,19 +54,17 @@ def logs(seconds: float) -> list[Samples]:
 
 def messages(log: Samples) -> list[bytes]:
     """Arrow messages of 100 ms; the topic names the axis, so that they serve any number of axes."""
-    parts = (log.rows(start, start + ROWS) for start in range(0, len(log) - ROWS + 1, ROWS))
     return [
         arrow_payload({"time": part.time, **part.columns}, {"schema": SCHEMA, "sequence": number})
-        for number, part in enumerate(parts)
-    ]
+        for number, part in enumerate(log.blocks(ROWS)) if len(part) == ROWS
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Inside:
-    """Processor time of one thread, µs a sample.
+    """Processor time of one thread, µs a sample: message to finding, and the pipeline alone.
 
-    `axes`, `seconds`: of the run. `whole`: message to finding, median of the runs. `alone`: the pipeline by
-    itself. `axis_bytes`: memory that an axis takes after `aged_s` s of data.
+    `axis_bytes`: memory that an axis takes after `aged_s` s of data.
     """
 
     axes: int
@@ -86,24 +81,24 @@ def inside(recorded: Sequence[Samples], axes: int, seconds: float, repeats: int,
     The logs are dealt to the axes, `seconds` of each; memory is measured after `aged_s` s, or not at 0.
     """
     parts = [log.rows(0, round(1000.0 * max(seconds, aged_s))) for log in recorded]
-    payloads, decoder, model = [messages(part) for part in parts], Decoder(), Model.load()
+    payloads, decoder = [messages(part) for part in parts], Decoder()
     blocks, costs, alone, grown = round(seconds / BLOCK_S), [], [], float("nan")
     with tempfile.TemporaryDirectory(prefix="fdd-load-") as name:
         profile = Path(name) / "unit.yaml"
         profile.write_text(profile_text(), "utf-8")
+        config = Serve.from_yaml(
+            f"schema: fdd.serve/1\nfallback: {profile}\nsources: [{{type: udp, port: 0}}]"
+        )
 
         def worked(store: str, axes: int, blocks: int) -> tuple[Fleet, float]:
             """A new fleet that has worked so many blocks of all axes, and the s of processor time it took."""
-            inbox = Inbox()
-            fleet = Fleet(
-                Profiles(fallback=str(profile)), model, Store(f"sqlite:///{name}/{store}.db"), Bus(), inbox
-            )
+            fleet = Fleet(config, Store(f"sqlite:///{name}/{store}.db"), Bus())
             fleet.resume()
             begun = time.thread_time()
             for number in range(blocks):
                 for k in range(axes):
                     payload = payloads[k % len(payloads)][number]
-                    inbox.put(decoder.decode(payload, "load", axis=f"A{k}", patient=True))
+                    fleet.inbox.put(decoder.decode(payload, "load", axis=f"A{k}", patient=True))
                 while fleet.step(0.0):
                     pass
             return fleet, time.thread_time() - begun

@@ -39,11 +39,9 @@ CAUGHT_UP_S = 600.0
 class Stage:
     """What was measured with a number of axes.
 
-    `cpu_us`: µs of processor time a sample, of the whole process. `busy`: share of its core that the service
-    had. `lag`, `lag_99`: s from the sending of a look's last sample until the look was told; median and 99 %.
-    `findings`: of the leaking axes, that came while it was measured. `finding_lag`: s, the latest of them.
-    `dropped`: samples that were sent and are in no diagnosis. `behind`: s of data that were not worked at the
-    end, mean of the axes. `late`: s, 99 % of how late the publisher itself was. `rss`: bytes at the end.
+    `cpu_us`: µs a sample, of the whole process. `busy`: share of its core. `lag`, `lag_99`: s from the
+    sending of a look's last sample until the look was told. `finding_lag`: s, the latest. `dropped`: samples
+    in no diagnosis. `behind`: s of data not worked at the end. `late`: s, of the publisher, 99 %. `rss`: B.
     """
 
     axes: int
@@ -102,8 +100,7 @@ def served_by_broker(profile: str | None = None, core: int | None = None) -> Ite
 class _Watched:
     """A service on a core of its own, to which blocks are sent when their last sample is due, and its events.
 
-    `sent`: by axis, Unix s at which its blocks were sent. `late`: s that each was sent too late. `heard`:
-    kind, axis, time of the stream and Unix s of each event.
+    `sent`: by axis, Unix s of its blocks. `heard`: kind, axis, time of the stream and Unix s of each event.
     """
 
     def __init__(self, served: Process, port: int, recorded: Sequence[Samples], spread_s: float) -> None:
@@ -246,9 +243,8 @@ def harder(
 class Overload:
     """More axes than the service can watch.
 
-    `axes`, `seconds`: sent. `followed`: axes that gave all their looks in the second half. `lag`: s, median
-    of those looks. `told`: by health. `rss`: bytes, the most seen. `sent`, `worked`: samples, worked when all
-    was caught up or time was over. `caught_up_s`: s after the sender's end until then.
+    `followed`: axes that gave all their looks in the second half, `lag`: s, median of these. `rss`: bytes,
+    the most seen. `worked`: samples, when all was caught up or time was over, `caught_up_s` after the end.
     """
 
     axes: int

@@ -15,7 +15,6 @@ import typer
 from fdd.campaign.motion import fitting_duty
 from fdd.cli.console import progress
 from fdd.diagnosis.baseline import add_baseline
-from fdd.diagnosis.model import Model
 from fdd.faults import fault
 from fdd.identification import identify_unit
 from fdd.plant.scenario import Scenario
@@ -23,9 +22,9 @@ from fdd.plant.simulate import simulate
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.bus import Bus
+from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
 from fdd.service.inbox import Inbox
-from fdd.service.profiles import Profiles
 from fdd.service.store import Store
 from fdd.unit import Unit
 from reports.service import AXIS, resident
@@ -104,14 +103,16 @@ def lived(plan: Plan, seed: int, folder: Path, advance: Callable[[float], None])
     healthy = [recorded(rng, celsius, 120.0) for celsius in (25.0, 35.0, 45.0, 38.0)]
     profile, path = folder / "unit.yaml", folder / "fdd.db"
     add_baseline(identify_unit(healthy, Unit.load(UNIT)).unit, healthy).save(profile)
+    config = Serve.from_yaml(
+        f"schema: fdd.serve/1\nunits: {{{AXIS}: {profile}}}\nsources: [{{type: udp, port: 0}}]"
+    )
     now, cpu, sequence = START_S, 0.0, 0
 
     def opened() -> tuple[Store, Fleet, Inbox]:
-        store, inbox = Store(f"sqlite:///{path}"), Inbox()
-        profiles = Profiles({AXIS: str(profile)})
-        fleet = Fleet(profiles, Model.load(), store, Bus(), inbox, clock=lambda: now)
+        store = Store(f"sqlite:///{path}")
+        fleet = Fleet(config, store, Bus(), clock=lambda: now)
         fleet.resume()
-        return store, fleet, inbox
+        return store, fleet, fleet.inbox
 
     store, fleet, inbox = opened()
     for number in range(plan.days * plan.flights):

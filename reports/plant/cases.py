@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,11 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Case:
-    """A run that is measured.
-
-    `name`: as reports show it. `unit`, `partner`: the second one where the scenario has a partner.
-    `settings`: of the scenario, beside its duration.
-    """
+    """A run that is measured; `settings` are the scenario's, beside its duration."""
 
     name: str
     unit: Unit
@@ -59,13 +54,9 @@ class Case:
 class Cases:
     """Cases by what they are for, on the shipped units."""
 
-    @cached_property
-    def _units(self) -> tuple[Unit, Unit]:
-        return Unit.load("axis_a"), Unit.load("axis_b")
-
     def _case(self, name: str, **settings: Any) -> Case:
-        first, second = self._units
-        return Case(name, first, second if "partner" in settings else None, settings)
+        partner = Unit.load("axis_b") if "partner" in settings else None
+        return Case(name, Unit.load("axis_a"), partner, settings)
 
     @property
     def numerics(self) -> list[Case]:
@@ -74,10 +65,8 @@ class Cases:
         leak = {"fault": "internal_leakage", "severity": 0.6, "onset": 0.02}
         loose = {"fault": "seal_wear", "severity": 1.0, "variant": "loose"}
         air = {"fault": "aeration", "severity": 1.0, "onset": 0.02, "profile": "ramp"}
-        worn = [
-            {"fault": "coupling_wear", "severity": 1.0},
-            {"fault": "check_valve_stuck_open", "severity": 0.7},
-        ]
+        worn = [{"fault": "coupling_wear", "severity": 1.0},
+                {"fault": "check_valve_stuck_open", "severity": 0.7}]  # fmt: skip
         slow, fast = {"amplitude": 0.01, "lead_in": 0.1}, {"speed": 60.0, "lead_in": 0.1}
         still = {"drive": "still", "circuit": {"blocked": True, "throttle": 0.3}}
         steps, sines, prbs = {"name": "steps", "hold": 1.0}, {"name": "sines"}, {"name": "prbs"}
@@ -117,5 +106,5 @@ class Cases:
     def work(self) -> Case:
         """For error over work: open-loop speeds, the same commands for every solver."""
         duty = {"name": "prbs", "bit": 0.1, "speed": 60.0, "lead_in": 0.05}
-        load = {"name": "throttle"}
-        return self._case("prbs of speed, throttle", duty=duty, control={"mode": "speed"}, load=load)
+        return self._case("prbs of speed, throttle", duty=duty, control={"mode": "speed"},
+                          load={"name": "throttle"})  # fmt: skip

@@ -30,6 +30,8 @@ from fdd.plant.steps import STAGES, advance
 from fdd.unit import Oil, Unit
 
 Array = NDArray[np.float64]
+NODES = 24
+"""Of the quadrature over pressure."""
 
 
 def lobatto(n: int) -> tuple[Array, Array]:
@@ -44,9 +46,8 @@ def lobatto(n: int) -> tuple[Array, Array]:
 class FineRun:
     """What the plant went through: m milliseconds of k nodes.
 
-    `ready`: the prepared scenario (its state is not touched). `states`, `slopes`, `found`: (m, k, …) as the
-    right-hand side takes and gives them. `rows`: (m, axes, COLUMNS) conditions as the loop held them: at the
-    present temperature, faults included. `weights`: (k,) s.
+    `states`, `slopes`, `found`: (m, k, …) as the right-hand side takes and gives them. `rows`: (m, axes,
+    COLUMNS) conditions as the loop held them, at the present temperature. `weights`: (k,) s.
     """
 
     ready: Prepared
@@ -109,10 +110,9 @@ def fine_run(
 
 @dataclass(frozen=True)
 class Fluid:
-    """Oil at given temperatures, with given free air in it.
+    """Oil (…) K `warm` above its reference temperature, with free air over oil and vapour over sound oil's.
 
-    `oil`: its data. `warm`: (…) K above its reference temperature. `free`: (…) volume of free air over oil.
-    `vapour`: (…) vapour pressure over sound oil's. `ambient`: Pa.
+    `ambient`: Pa.
     """
 
     oil: Oil
@@ -120,13 +120,9 @@ class Fluid:
     free: Array
     vapour: Array
     ambient: float
-    nodes: int = 24
-
-    def log_density(self, pressure: Array) -> Array:
-        return self._terms(pressure)[0]
 
     def density(self, pressure: Array) -> Array:
-        return np.asarray(np.exp(self.log_density(pressure)))
+        return np.asarray(np.exp(self._terms(pressure)[0]))
 
     def _terms(self, pressure: Array) -> tuple[Array, Array, Array]:
         """ln ρ, -∂lnρ/∂a and -∂lnρ/∂T at a gauge pressure."""
@@ -145,34 +141,20 @@ class Fluid:
 
     def integrals(self, pressure: Array) -> tuple[Array, Array, Array]:
         """g (J/m³), and what a unit of free air and a kelvin add to it at that pressure."""
-        x, weight = leggauss(self.nodes)
-        low, high = np.log(self.ambient), np.log(pressure + self.ambient)
-        half = 0.5 * (high - low)
-        found = [np.zeros(np.shape(pressure)) for _ in range(3)]
-        for node, w in zip(x, weight, strict=True):
+        low = np.log(self.ambient)
+        half = 0.5 * (np.log(pressure + self.ambient) - low)
+        found = np.zeros((3, *np.shape(pressure)))
+        for node, weight in zip(*leggauss(NODES), strict=True):
             absolute = np.exp(low + half * (1.0 + node))
             log, air, swell = self._terms(absolute - self.ambient)
-            volume = w * half * absolute * np.exp(-log)
-            found[0] += volume
-            found[1] += volume * air
-            found[2] += volume * swell
+            volume = weight * half * absolute * np.exp(-log)
+            found += volume, volume * air, volume * swell
         return found[0], found[1], found[2]
-
-    def enthalpy(self, pressure: Array) -> Array:
-        """g (J/m³)."""
-        return self.integrals(pressure)[0]
-
-    def inner(self, pressure: Array) -> Array:
-        """f = g - p/ρ (J/m³)."""
-        return np.asarray(self.enthalpy(pressure) - pressure / self.density(pressure))
 
 
 @dataclass
 class Energies:
-    """Of a run: energies (J) and powers (W) at each node, (m, k).
-
-    `stored`, `supplied`: by name. `lost`: powers that only dissipate, by name.
-    """
+    """Of a run, by name: energies `stored` (J), powers `supplied` and dissipated (W) at each node, (m, k)."""
 
     stored: dict[str, Array] = field(default_factory=dict)
     supplied: dict[str, Array] = field(default_factory=dict)
@@ -217,11 +199,8 @@ def energies(run: FineRun) -> Energies:
         out.lost["lumped partner's throttle"] = drop * through
     sides = [_axis(run, axis, out) for axis in range(run.ready.axes)]
     if len(sides) > 1:
-        for name, flow, line in (
-            ("connect valve 1", s.CONNECT_FLOW_1, 0),
-            ("connect valve 2", s.CONNECT_FLOW_2, 1),
-        ):
-            out.lost[name] = run.finding(flow) * (sides[1][line] - sides[0][line])
+        for line, flow in enumerate((s.CONNECT_FLOW_1, s.CONNECT_FLOW_2)):
+            out.lost[f"connect valve {line + 1}"] = run.finding(flow) * (sides[1][line] - sides[0][line])
     return out
 
 
@@ -234,26 +213,19 @@ def _axis(run: FineRun, axis: int, out: Energies) -> tuple[Array, Array]:
     at = lambda state: run.at(state, axis)  # noqa: E731
     find = lambda which: run.finding(which, axis)  # noqa: E731
     warm = at(s.TEMPERATURE) - oil.reference_temperature
-    fluids = [
-        Fluid(oil, warm, at(k), row[:, :, c.VAPOUR] + 0.0 * warm, par.ambient) for k in (s.FREE_1, s.FREE_2)
-    ]
     p1, p2, a, b = at(s.P1), at(s.P2), at(s.LINE_1), at(s.LINE_2)
     speed, pa = at(s.SPEED), find(s.ACCUMULATOR)
 
     # Stored in chambers and lines, and what warming and air out of solution bring.
-    chambers = [
-        (fluids[0], p1, par.volume_1 + par.area_1 * x, s.FREE_1),
-        (fluids[1], p2, par.volume_2 - par.area_2 * x, s.FREE_2),
-    ]
+    volume_1, volume_2 = par.volume_1, par.volume_2
     if par.blocked:
-        chambers = [
-            (fluids[0], p1, par.cylinder_volume_1 + par.area_1 * x, s.FREE_1),
-            (fluids[1], p2, par.cylinder_volume_2 - par.area_2 * x, s.FREE_2),
-            (fluids[0], a, par.line_volume_1 + 0.0 * x, s.FREE_1),
-            (fluids[1], b, par.line_volume_2 + 0.0 * x, s.FREE_2),
-        ]
+        volume_1, volume_2 = par.cylinder_volume_1, par.cylinder_volume_2
+    chambers = [(p1, volume_1 + par.area_1 * x, s.FREE_1), (p2, volume_2 - par.area_2 * x, s.FREE_2)]
+    if par.blocked:
+        chambers += [(a, par.line_volume_1 + 0.0 * x, s.FREE_1), (b, par.line_volume_2 + 0.0 * x, s.FREE_2)]
     oil_energy, swelling, g_of = np.zeros_like(x), np.zeros_like(x), []
-    for fluid, p, volume, free in chambers:
+    for p, volume, free in chambers:
+        fluid = Fluid(oil, warm, at(free), row[:, :, c.VAPOUR] + 0.0 * warm, par.ambient)
         g, by_air, by_heat = fluid.integrals(p)
         rho = fluid.density(p)
         g_of.append((g, rho))
@@ -263,8 +235,7 @@ def _axis(run: FineRun, axis: int, out: Energies) -> tuple[Array, Array]:
         )
     out.stored[name + "oil"] = oil_energy
     out.supplied[name + "swelling"] = swelling
-    (g_1, rho_1), (g_2, rho_2) = g_of[0], g_of[1]
-    (g_a, rho_a), (g_b, rho_b) = g_of[-2], g_of[-1]
+    (g_1, rho_1), (g_2, rho_2), (g_a, rho_a), (g_b, rho_b) = *g_of[:2], *g_of[-2:]
     out.stored[name + "shaft"] = 0.5 * par.inertia * speed**2
     out.stored[name + "bristles"] = 0.5 * par.bristle_stiffness * at(s.Z) ** 2
     out.stored[name + "seal's film"] = 0.5 * par.seal_damping / par.friction_rate * at(s.MEMORY) ** 2
@@ -329,37 +300,25 @@ def _axis(run: FineRun, axis: int, out: Energies) -> tuple[Array, Array]:
     case = find(s.CASE_PRESSURE)
     leak_a = mean * row[:, :, c.CASE_LEAKAGE_1] * (a_port - case)
     leak_b = mean * row[:, :, c.CASE_LEAKAGE_2] * (b_port - case)
-    dripping = leak_a + leak_b - _into_store(run, axis)
-    out.lost[name + "case drain"] = leak_a * g_a + leak_b * g_b - (leak_a + leak_b - dripping) * h_store
-    refeed_a, refeed_b = find(s.REFEED_FLOW_1), find(s.REFEED_FLOW_2)
-    out.lost[name + "refeeding"] = refeed_a * (h_store - g_a) + refeed_b * (h_store - g_b)
     outside_1, outside_2 = (
         rho * _outside(np.maximum(p, 0.0), row, k, par.orifice_transition)
         for k, rho, p in ((0, rho_1, p1), (1, rho_2, p2))
     )
+    # What drips past the shaft is what the chambers' own leaks leave of all that is lost.
+    dripping = leak_a + leak_b - (find(s.DRAIN_FLOW) - (find(s.OUTSIDE_FLOW) - outside_1 - outside_2))
+    out.lost[name + "case drain"] = leak_a * g_a + leak_b * g_b - (leak_a + leak_b - dripping) * h_store
+    refeed_a, refeed_b = find(s.REFEED_FLOW_1), find(s.REFEED_FLOW_2)
+    out.lost[name + "refeeding"] = refeed_a * (h_store - g_a) + refeed_b * (h_store - g_b)
     out.lost[name + "outside"] = outside_1 * g_1 + outside_2 * g_2
     return g_a, g_b
 
 
-def _into_store(run: FineRun, axis: int) -> Array:
-    """Mass that the case's drain brings to the accumulator, from what the leak to the outside leaves."""
-    par, row = run.ready.parameters[axis], run.rows[:, axis][:, None, :]
-    drained, lost = run.finding(s.DRAIN_FLOW, axis), run.finding(s.OUTSIDE_FLOW, axis)
-    # What drips past the shaft is what the chambers' own leaks leave of all that is lost.
-    warm = run.at(s.TEMPERATURE, axis) - par.reference_temperature
-    oil = run.ready.units[axis].oil
-    chambers = 0.0 * warm
-    for k, (pressure, free) in enumerate(((s.P1, s.FREE_1), (s.P2, s.FREE_2))):
-        p = run.at(pressure, axis)
-        fluid = Fluid(oil, warm, run.at(free, axis), row[:, :, c.VAPOUR] + 0.0 * warm, par.ambient)
-        chambers = chambers + fluid.density(p) * _outside(np.maximum(p, 0.0), row, k, par.orifice_transition)
-    return drained - (lost - chambers)
-
-
 def _outside(pressure: Array, row: Array, side: int, transition: float) -> Array:
+    """A side's leak to the outside: laminar, by an opening that grows with pressure, by an orifice."""
     width = transition * row[:, :, c.TRANSITION]
     laminar = (row[:, :, c.OUTSIDE_1 + side] + row[:, :, c.OUTSIDE_OPENING_1 + side] * pressure) * pressure
-    return np.asarray(laminar + _orifice(pressure, row[:, :, c.OUTSIDE_ORIFICE_1 + side], width))
+    orifice = row[:, :, c.OUTSIDE_ORIFICE_1 + side] * 1e-3 * pressure / (pressure**2 + width**2) ** 0.25
+    return np.asarray(laminar + orifice)
 
 
 def _pump_torque(run: FineRun, axis: int) -> Array:
@@ -389,7 +348,3 @@ def _accumulator(run: FineRun, axis: int, out: Energies, name: str) -> None:
     warmer = run.at(s.TEMPERATURE, axis) - par.surroundings
     shell = 1.0 + par.gas_warming * warmer
     out.supplied[name + "shell's heat"] = rest / 0.4 * par.gas_rate * (shell - heat)
-
-
-def _orifice(drop: Array, flow_at_1_mpa: Array | float, transition: Array | float) -> Array:
-    return np.asarray(flow_at_1_mpa * 1e-3 * drop / (drop**2 + transition**2) ** 0.25)

@@ -41,10 +41,9 @@ _STAGES = 6
 def integrate(
     case: Case, commands: Array, method: str, rtol: float, atol_factor: float, duration: float
 ) -> tuple[Array, int]:
-    """Run a case by a `method` of `scipy.integrate.solve_ivp`.
+    """Run a case by a `method` of `scipy.integrate.solve_ivp`, absolute tolerances over the plant's own.
 
     `commands`: (n, 2) rad/s, what the controllers asked for each millisecond; they act one later.
-    `atol_factor`: absolute tolerances over `fdd.plant.steps.tolerances`. `duration`: s.
 
     Gives states (n, …) at the start of every millisecond, fewer where the solver gave up, and evaluations of
     the right-hand side.
@@ -94,14 +93,12 @@ class RealTime:
 
 def real_time(case: Case, duration: float, repeats: int) -> RealTime:
     """Measure a case of `duration` s: medians of repeated runs, on one core, after everything is compiled."""
-    scenario = case.scenario(duration, whole=False)
-    run = lambda: simulate(case.unit, scenario, partner=case.partner)  # noqa: E731
-    run()
-    ready = case.prepared(duration)
+    scenario, ready = case.scenario(duration, whole=False), case.prepared(duration)
     for _ in raw_blocks(ready):
         pass
-    steps = float(ready.memory[STEPS]) / scenario.rows
-    return RealTime(case.name, duration / median(timed(run) for _ in range(repeats)), steps)
+    # The first run loads what is loaded late.
+    took = [timed(lambda: simulate(case.unit, scenario, partner=case.partner)) for _ in range(repeats + 1)]
+    return RealTime(case.name, duration / median(took[1:]), float(ready.memory[STEPS]) / scenario.rows)
 
 
 @dataclass(frozen=True)
@@ -118,13 +115,10 @@ class Work:
 
 
 def work_precision(case: Case, duration: float, repeats: int) -> tuple[list[Work], float]:
-    """Error over work of the plant's integrator and of peers on the same equations.
+    """Error over work of the plant's integrator and of peers, of which commands do not hang on states.
 
-    The case's commands do not hang on its states, so that all solve the same problem. The median of the
-    repeats counts; the peers have three at most.
-
-    Gives points, and the rms of the pressure difference (Pa) between the reference and the tightest Radau:
-    how far the reference is to be trusted.
+    Gives points (medians of the repeats, three at most for peers), and the rms of the pressure difference
+    (Pa) between the reference and the tightest Radau: how far the reference is to be trusted.
     """
     reference, commands = case.states(duration, REFERENCE_REFINEMENT)
 
@@ -155,15 +149,9 @@ def work_precision(case: Case, duration: float, repeats: int) -> tuple[list[Work
     return done, next((p.pressure for p in reversed(done) if p.solver == "SciPy Radau"), np.nan)
 
 
-def unseen(unit: Unit, channel: str) -> float:
-    """What a sensor cannot see (SI): rms of its noise and of its rounding."""
-    sensor = unit.sensor(channel)
-    return float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12.0)))
-
-
 @dataclass(frozen=True)
 class Difference:
-    """How far two runs of a case lie apart: for each channel the rms over `unseen`."""
+    """How far two runs of a case lie apart: for each channel the rms over what its sensor cannot see."""
 
     case: str
     rms: dict[str, float]
@@ -198,6 +186,7 @@ def _difference(case: Case, one: Array, other: Array) -> Difference:
             ("pressure_difference", own[:, s.P1] - own[:, s.P2]), ("motor_current", own[:, s.CURRENT]),
             ("pump_angle", own[:, s.ANGLE]),
         ):  # fmt: skip
-            size = float(np.sqrt(np.mean(error**2))) / unseen(shipped, channel)
-            rms[channel] = max(rms.get(channel, 0.0), size)
+            sensor = shipped.sensor(channel)
+            unseen = np.hypot(sensor.noise, sensor.resolution / np.sqrt(12.0))
+            rms[channel] = max(rms.get(channel, 0.0), float(np.sqrt(np.mean(error**2)) / unseen))
     return Difference(case.name, rms)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,31 +24,23 @@ from fdd.plant.simulate import RawBlock, raw_blocks
 from fdd.unit import Unit
 from reports.plant.energies import energies, fine_run
 
-_ATTEMPTS = 100
-
 
 @dataclass(frozen=True)
 class Wild:
-    """A scenario that may be run, and how often the rig's rules refused one before.
-
-    `unit`, `partner`, `scenario`: as `fdd.plant.simulate.simulate` takes them. `refused`: draws before this
-    one.
-    """
+    """A scenario that may be run, and how often the rig's rules refused one before."""
 
     unit: Unit
     partner: Unit | None
     scenario: Scenario
     refused: int
 
-    def prepared(self, refine: float = 1.0) -> Prepared:
+    def prepared(self) -> Prepared:
         """Ready to run."""
-        return prepare(self.unit, self.scenario, partner=self.partner, refine=refine)
+        return prepare(self.unit, self.scenario, partner=self.partner)
 
 
 def draw_wild(seed: int, duration: float = 4.0) -> Wild:
-    """Draw scenario `seed`: unit, details, duty, load, faults alone and together, valves, second axis.
-
-    `seed`: fixes everything. `duration`: s.
+    """Draw scenario `seed` of `duration` s: unit, details, duty, load, faults, valves, second axis.
 
     Raises `RuntimeError`: a hundred draws were refused.
     """
@@ -60,15 +53,13 @@ def draw_wild(seed: int, duration: float = 4.0) -> Wild:
         first, second = (
             replace(rig, unit=rig.unit.model_copy(update={"accumulator": small})) for rig in (first, second)
         )
-    for refused in range(_ATTEMPTS):
+    for refused in range(100):
         dual = rng.random() < 0.4
-        try:
+        with suppress(InputError):
             scenario = _scenario(first.unit, first.details.model_dump(), rng, duration, dual)
             wild = Wild(first.unit, second.unit if dual else None, scenario, refused)
             wild.prepared().conditions(0, 1)
-        except InputError:
-            continue
-        return wild
+            return wild
     raise RuntimeError(f"no scenario of seed {seed} was allowed")
 
 
@@ -95,63 +86,43 @@ def _scenario(
     second: dict[str, Any] = {}
     if dual:
         drive = str(rng.choice(["same", "still", "own"]))
-        second["partner"] = {
-            "drive": drive,
-            "duty": {"name": "prbs", "speed": float(rng.uniform(20, 200)), "bit": 0.2}
-            if drive == "own"
-            else None,
-            "power": _power(rng),
-            "circuit": _circuit(rng, may_block=True),
-        }
+        own = {"name": "prbs", "speed": float(rng.uniform(20, 200)), "bit": 0.2} if drive == "own" else None
+        power, circuit = _power(rng), _circuit(rng, may_block=True)
+        second["partner"] = {"drive": drive, "duty": own, "power": power, "circuit": circuit}
         second["accumulator"] = str(rng.choice(["shared", "each"]))
         second["connect"] = {line: _opening(rng, 0.4) for line in ("line_1", "line_2")}
-    return Scenario(
-        unit=unit.name,
-        duration=duration,
-        duty=duty,
-        control=control,
-        load=_load(rng),
-        oil_temperature=float(rng.uniform(-20.0, 110.0)),
-        warming=float(rng.uniform(-0.5, 0.5)),
-        charge_factor=float(rng.uniform(0.3, 2.5)),
-        ambient=float(rng.uniform(2e4, 1.1e5)),
-        faults=_faults(rng, duration, dual),
-        power=_power(rng),
-        circuit=_circuit(rng, may_block=dual and rng.random() < 0.3),
-        details=details,
-        seed=int(rng.integers(0, 2**62)),
-        **second,
-    )
-
-
-def _load(rng: np.random.Generator) -> Any:
     kind = LOADS[str(rng.choice(list(LOADS)))]
-    return kind(**{name: float(rng.uniform(*bounds)) for name, bounds in kind.usual.items()})
+    return Scenario(
+        unit=unit.name, duration=duration, duty=duty, control=control, details=details,
+        load=kind(**{name: float(rng.uniform(*bounds)) for name, bounds in kind.usual.items()}),
+        oil_temperature=float(rng.uniform(-20.0, 110.0)), warming=float(rng.uniform(-0.5, 0.5)),
+        charge_factor=float(rng.uniform(0.3, 2.5)), ambient=float(rng.uniform(2e4, 1.1e5)),
+        faults=_faults(rng, duration, dual), power=_power(rng),
+        circuit=_circuit(rng, may_block=dual and rng.random() < 0.3), seed=int(rng.integers(0, 2**62)),
+        **second,
+    )  # fmt: skip
 
 
 def _faults(rng: np.random.Generator, duration: float, dual: bool) -> list[dict[str, Any]]:
     """None, one, some or all of the plant's faults, on any axis."""
     names = list(PLANT_FAULTS)
-    count = int(rng.choice([0, 1, 1, 1, 2, 3, 5, len(names)]))
-    found = []
-    for name in rng.permutation(names)[:count]:
-        entry = CATALOGUE[str(name)]
-        found.append(
-            {
-                "fault": str(name),
-                "severity": 1.0 if rng.random() < 0.3 else float(rng.uniform(0.0, 1.0)),
-                "onset": float(rng.uniform(0.0, 0.7) * duration) if rng.random() < 0.7 else 0.0,
-                "profile": str(rng.choice(PROFILES)),
-                "seed": int(rng.integers(0, 1000)),
-                "ramp": float(rng.uniform(0.05, 3.0)),
-                "period": float(rng.uniform(0.1, 2.0)),
-                "side": int(rng.choice(entry.sides)) if entry.sides else None,
-                "variant": str(rng.choice(entry.variants)) if entry.variants else None,
-                "law": str(rng.choice(list(entry.laws))) if entry.laws else None,
-                "axis": int(rng.integers(1, 3)) if dual else 1,
-            }
-        )
-    return found
+    size = int(rng.choice([0, 1, 1, 1, 2, 3, 5, len(names)]))
+    return [
+        {
+            "fault": entry.id,
+            "severity": 1.0 if rng.random() < 0.3 else float(rng.uniform(0.0, 1.0)),
+            "onset": float(rng.uniform(0.0, 0.7) * duration) if rng.random() < 0.7 else 0.0,
+            "profile": str(rng.choice(PROFILES)),
+            "seed": int(rng.integers(0, 1000)),
+            "ramp": float(rng.uniform(0.05, 3.0)),
+            "period": float(rng.uniform(0.1, 2.0)),
+            "side": int(rng.choice(entry.sides)) if entry.sides else None,
+            "variant": str(rng.choice(entry.variants)) if entry.variants else None,
+            "law": str(rng.choice(list(entry.laws))) if entry.laws else None,
+            "axis": int(rng.integers(1, 3)) if dual else 1,
+        }
+        for entry in (CATALOGUE[str(name)] for name in rng.permutation(names)[:size])
+    ]
 
 
 def _opening(rng: np.random.Generator, share: float) -> Any:
@@ -191,11 +162,9 @@ ENERGY, GIVE = 1e-5, 1e-3
 class Outcome:
     """What one wild run came to.
 
-    `seed`: of `draw_wild`. `failures`: a sentence for everything outside physics; empty is well.
-    `lowest_pressure`: Pa, absolute, of any chamber or line. `beyond_stop`: m that the piston went past its
-    stroke. `oil`, `energy`: most that oil and energy departed from what came and went, over all oil and over
-    all energy that went through. `steps`: of the integrator for each millisecond. `refused`: draws that the
-    rig's rules refused before.
+    `failures`: a sentence for everything outside physics. `lowest_pressure`: Pa, absolute. `beyond_stop`: m
+    that the piston went past its stroke. `oil`, `energy`: most that either departed from what came and went,
+    over all of it. `steps`: of the integrator for each millisecond. `refused`: draws by the rig's rules.
     """
 
     seed: int
@@ -223,28 +192,30 @@ def _checked(seed: int, wild: Wild, ready: Prepared, raw: RawBlock) -> Outcome:
     failures = []
     if not (np.isfinite(raw.states).all() and np.isfinite(raw.found).all()):
         return Outcome(seed, ["NaN"], refused=wild.refused)
-    par, ambient = ready.parameters[0], ready.parameters[0].ambient
-    pressures = np.stack(
-        [
-            raw.states[:, s.SHARED + axis * s.AXIS_STATES + p]
-            for axis in range(ready.axes)
-            for p in (s.P1, s.P2, s.LINE_1, s.LINE_2)
-        ]
-    )
-    lowest = float(pressures.min() + ambient)
+    par = ready.parameters[0]
+    axes = range(ready.axes)
+    own = [raw.states[:, s.SHARED + axis * s.AXIS_STATES :] for axis in axes]
+    lowest = float(min(x[:, [s.P1, s.P2, s.LINE_1, s.LINE_2]].min() for x in own) + par.ambient)
     if lowest <= 0.0:
         failures.append(f"absolute pressure {lowest:.0f} Pa")
     beyond = float(np.abs(raw.states[:, s.X]).max() - par.half_stroke)
     if beyond > GIVE:
         failures.append(f"{beyond * 1e3:.2f} mm beyond the stop")
-    mass = sum(raw.found[:, axis * s.FINDINGS + s.OIL_MASS] for axis in range(ready.axes))
+    mass = sum(raw.found[:, axis * s.FINDINGS + s.OIL_MASS] for axis in axes)
     drift = float(np.abs(mass / np.asarray(mass)[0] - 1.0).max())
     if drift > 1e-6:
         failures.append(f"oil changed by {drift:.1e}")
     gap = energy_gap(wild)
     if gap > ENERGY:
         failures.append(f"energy changed by {gap:.1e}")
-    speed, most = _motor_speed(ready, raw)
+    # The fastest motor's command, or the oil of pistons and the other pump, explain its speed.
+    fastest = [float(np.abs(x[:, s.SPEED]).max()) for x in own]
+    worst = int(np.argmax(fastest))
+    of = ready.parameters[worst]
+    flow = of.area_1 * float(np.abs(raw.states[:, s.V]).max())
+    if ready.axes > 1:
+        flow += ready.parameters[1 - worst].displacement * fastest[1 - worst]
+    speed, most = fastest[worst], 1.3 * max(of.max_speed, flow / of.displacement)
     if speed > most:
         failures.append(f"motor at {speed:.0f} rad/s, explained {most:.0f} rad/s")
     steps = float(ready.memory[STEPS]) / raw.states.shape[0]
@@ -253,37 +224,20 @@ def _checked(seed: int, wild: Wild, ready: Prepared, raw: RawBlock) -> Outcome:
 
 def energy_gap(wild: Wild, duration: float = 0.4) -> float:
     """Energy made or lost in the run's first part, over all that went through (`reports.plant.energies`)."""
-    units = [each and _with_whole_delay(each) for each in (wild.unit, wild.partner)]
+    unit, partner = (
+        each and each.model_copy(update={"drive": each.drive.model_copy(update={"delay": PERIOD})})
+        for each in (wild.unit, wild.partner)
+    )
+    assert unit is not None
     faults = [spec for spec in wild.scenario.faults if spec.onset < duration]
     scenario = wild.scenario.model_copy(update={"duration": duration, "faults": faults})
-    assert units[0] is not None
     share = np.inf
     for nodes in (12, 40):
         # Corners of friction and valves within a millisecond are what the fewer nodes miss.
-        run = fine_run(units[0], scenario, partner=units[1], nodes=nodes)
+        run = fine_run(unit, scenario, partner=partner, nodes=nodes)
         gap, through = energies(run).gap(run)
         # A run in which hardly anything moves is judged by a joule.
         share = gap / max(through, 1.0)
         if share <= ENERGY:
             break
     return share
-
-
-def _with_whole_delay(unit: Unit) -> Unit:
-    return unit.model_copy(update={"drive": unit.drive.model_copy(update={"delay": PERIOD})})
-
-
-def _motor_speed(ready: Prepared, raw: RawBlock) -> tuple[float, float]:
-    """Fastest motor, and the speed that its command or the oil of pistons and the other pump explain."""
-    v = float(np.abs(raw.states[:, s.V]).max())
-    fastest = [
-        float(np.abs(raw.states[:, s.SHARED + axis * s.AXIS_STATES + s.SPEED]).max())
-        for axis in range(ready.axes)
-    ]
-    worst = int(np.argmax(fastest))
-    par = ready.parameters[worst]
-    flow = par.area_1 * v
-    if ready.axes > 1:
-        other = 1 - worst
-        flow += ready.parameters[other].displacement * fastest[other]
-    return fastest[worst], 1.3 * max(par.max_speed, flow / par.displacement)

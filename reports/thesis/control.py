@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,6 @@ from reports.thesis.runs import (
     hydraulic_gain,
     riding_partner,
     run_position,
-    with_coulomb_alone,
     with_friction,
     with_leakage,
 )
@@ -69,11 +69,8 @@ def chatter_filter(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
 
 @dataclass(frozen=True)
 class Steps:
-    """Trials of one direction.
-
-    `time`, `position`, `velocity`: (n,) of the first trial: s since the step, m and m/s (filtered) along it.
-    `plateau`, `duration`, `error`: (trials,) saturated velocity (m/s), for how long (s), final error (m).
-    """
+    """Trials of one direction: the first one's s since the step, m and m/s (filtered) along it, (n,) each;
+    of all, (trials,): saturated velocity (m/s), for how long (s), final error (m)."""
 
     time: Array
     position: Array
@@ -83,15 +80,12 @@ class Steps:
     error: Array
 
 
-def step_trials(
-    unit: Unit, sign: float, seed: int, trials: int = TRIALS, *, partner: Beside | None = None,
-    details: Details | None = None,
-) -> Steps:  # fmt: skip
+def step_trials(unit: Unit, sign: float, seed: int, **how: Any) -> Steps:
     """Step from mid-stroke by 0.1 m along `sign`; the final error is position less set-point, 3.5 s later."""
     setpoint = np.concatenate([np.zeros(_REST), np.full(round(_SECONDS / PERIOD), sign * STEP)])
     found, traces = [], []
-    for i in range(trials):
-        log = run_position(unit, setpoint, GAIN, partner=partner, details=details, seed=seed + i).samples
+    for i in range(TRIALS):
+        log = run_position(unit, setpoint, GAIN, seed=seed + i, **how).samples
         speed = sign * filtered_velocity(log["position"])
         # The level is the median over the middle of the motion: break-away overshoots it.
         level = float(np.median(speed[_REST + 200 : _REST + 600]))
@@ -105,19 +99,16 @@ def step_trials(
 def position_step(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     """Section 7.2: a step of 0.1 m under proportional position control, both ways."""
     forward = step_trials(axis_a, 1.0, seed)
-    parts = {
-        "as it is": forward,
-        "no dead band at the drive's input":
-            step_trials(axis_a, 1.0, seed, details=Details(command_dead_band=0.0)),
-        "a tenth of its friction": step_trials(with_friction(axis_a, 0.1), 1.0, seed),
-        "friction that does not rise towards rest": step_trials(with_coulomb_alone(axis_a), 1.0, seed),
-        "a tenth of its leakage": step_trials(with_leakage(axis_a, axis_a, 0.1), 1.0, seed),
-        "axis B instead": step_trials(axis_b, 1.0, seed),
-        "axis B, friction that does not rise towards rest":
-            step_trials(with_coulomb_alone(axis_b), 1.0, seed),
-        "axis B riding along, by-pass and throttle open":
-            step_trials(axis_a, 1.0, seed, partner=riding_partner(axis_b)),
-    }  # fmt: skip
+    cases: dict[str, tuple[Unit, dict[str, Any]]] = {
+        "no dead band at the drive's input": (axis_a, {"details": Details(command_dead_band=0.0)}),
+        "a tenth of its friction": (with_friction(axis_a, 0.1), {}),
+        "friction that does not rise towards rest": (with_friction(axis_a, rises=False), {}),
+        "a tenth of its leakage": (with_leakage(axis_a, axis_a, 0.1), {}),
+        "axis B instead": (axis_b, {}),
+        "axis B, friction that does not rise towards rest": (with_friction(axis_b, rises=False), {}),
+        "axis B riding along, by-pass and throttle open": (axis_a, {"partner": riding_partner(axis_b)}),
+    }
+    parts = {name: step_trials(unit, 1.0, seed, **how) for name, (unit, how) in cases.items()}
     band, command = Details().command_dead_band, GAIN * abs(float(np.mean(forward.error)))
     per_speed = axis_a.pump.displacement * axis_a.cylinder.area_1 / holding_leakage(axis_a)
     shown = (forward.time > -0.3) & (forward.time < 2.0)
@@ -125,7 +116,7 @@ def position_step(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     position, velocity = 1e3 * forward.position[shown], forward.velocity[shown]
     return {
         "ways": {"forward": forward, "reverse": step_trials(axis_a, -1.0, seed)},
-        "parts": parts,
+        "parts": {"as it is": forward, **parts},
         "ratio": hydraulic_gain(axis_a),
         "area": axis_a.cylinder.area_1,
         "command": command,

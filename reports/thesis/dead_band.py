@@ -22,7 +22,6 @@ from reports.thesis.runs import (
     holding_leakage,
     hydraulic_gain,
     run_speed,
-    with_coulomb_alone,
     with_friction,
     with_leakage,
 )
@@ -124,7 +123,7 @@ def dead_band(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     cases = {
         "axis A with half its leakage": with_leakage(axis_a, axis_a, 0.5),
         "axis A with half its friction": with_friction(axis_a, 0.5),
-        "axis A, friction that does not rise towards rest": with_coulomb_alone(axis_a),
+        "axis A, friction that does not rise towards rest": with_friction(axis_a, rises=False),
         "axis B with axis A's leakage": with_leakage(axis_b, axis_a),
         "axis B with axis A's friction": axis_b.model_copy(update={"friction": axis_a.friction}),
     }

@@ -13,6 +13,7 @@ from fdd.measures import ATMOSPHERE_PA
 from fdd.plant.details import Details
 from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.residuals.oil import air_compliance
+from fdd.samples import Samples
 from fdd.unit import Oil, Unit
 from reports.thesis.frequency_response import TransferFunction
 from reports.thesis.runs import (
@@ -56,20 +57,23 @@ VISCOUS = 800.0
 
 
 def speeds_of(unit: Unit, seed: int) -> tuple[Array, Array]:
-    """Steady pump speed (rad/s) and actuator velocity (m/s) at twelve commands, each (12,).
-
-    Slopes of the two encoders over the second half of each stroke.
-    """
-    pump, actuator = [], []
+    """Steady pump speed (rad/s) and actuator velocity (m/s) at twelve commands, each (12,): slopes of the two
+    encoders over the second half of each stroke."""
+    found = []
     for i, speed in enumerate(SPEEDS):
         expected = abs(speed) * unit.pump.displacement / unit.cylinder.area_1
         n = round(min(_TRAVEL / expected, 4.0) / PERIOD)
         command = np.concatenate([np.zeros(100), np.full(n, speed)])
         log = run_speed(unit, command, start=-0.5 * _TRAVEL * np.sign(speed), seed=seed + i).samples
         half = slice(100 + n // 2, None)
-        pump.append(np.polyfit(log.time[half], log["pump_angle"][half], 1)[0])
-        actuator.append(np.polyfit(log.time[half], log["position"][half], 1)[0])
-    return np.array(pump), np.array(actuator)
+        found.append(_rates(log, half))
+    pump, actuator = np.array(found).T
+    return pump, actuator
+
+
+def _rates(log: Samples, rows: slice) -> list[float]:
+    """Slopes of both encoders, pump and actuator (per s)."""
+    return [float(np.polyfit(log.time[rows], log[c][rows], 1)[0]) for c in ("pump_angle", "position")]
 
 
 def gain(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
@@ -116,9 +120,7 @@ def strokes(unit: Unit, partner: Unit, seed: int) -> Strokes:
         arrived = np.flatnonzero(log["position"] >= _END)
         end = int(arrived[0]) if arrived.size else len(log)
         steady = slice(end - round(_WINDOW / PERIOD), end)
-        pump, actuator = (
-            np.polyfit(log.time[steady], log[channel][steady], 1)[0] for channel in ("pump_angle", "position")
-        )
+        pump, actuator = _rates(log, steady)
         pressure = float(np.mean(log["pressure_difference"][steady]))
         # A relief valve that has opened on the way stays so until well below its setting.
         if np.max(log["pressure_difference"][:end]) < 0.99 * unit.accumulator.relief_pressure:
@@ -187,10 +189,9 @@ def pressurise(unit: Unit, charge: float, seed: int, air: float = 0.0) -> tuple[
 
 
 def equation_5_20(oil: Oil, stiff: float, air: float, pressure: Array) -> Array:
-    """Eq. 5.20 with the oil's polytropic index m where it prints n, (…) Pa.
+    """Eq. 5.20 with the oil's polytropic index m where it prints n, at a gauge `pressure`, (…) Pa.
 
-    `stiff`: Pa, bulk modulus β0 of the oil alone. `air`: δ, volume of air at atmospheric pressure over that
-    of oil. `pressure`: (…) Pa, gauge.
+    `stiff`: Pa, bulk modulus β0 of the oil alone. `air`: δ, volume of air at atmospheric pressure over oil's.
     """
     absolute = pressure + ATMOSPHERE_PA
     m = oil.polytropic_index

@@ -62,12 +62,10 @@ class TransferFunction:
 
 
 def sampled(numerator: Array, denominator: Array, period: float) -> tuple[Array, Array]:
-    """Discrete transfer function of a strictly proper continuous one, exact for piecewise straight inputs.
+    """Discrete transfer function of a strictly proper one, in powers of 1/z: exact for straight inputs.
 
     Franklin, Powell and Workman's triangle hold, as `scipy.signal.cont2discrete` has it under ``foh``, which
     takes twenty times as long: too long for a fit.
-
-    Coefficients have the highest power first; returned are those in powers of 1/z, one more than poles each.
     """
     n = denominator.size - 1
     lead = denominator[0]
@@ -92,16 +90,8 @@ def empirical_response(
 ) -> tuple[Array, ComplexArray]:
     """The thesis's estimate (ETFE): output's transform over input's, smoothed by a Hamming window.
 
-    Cross and own spectrum are averaged over the window before the division (Ljung, System Identification, 2nd
-    ed., eq. 6.46).
-
-    Parameters
-    ----------
-    given, caused : (n,) input and output. period : s. width_hz : of the window.
-
-    Returns
-    -------
-    frequency (n // 2 + 1,) in Hz and response (n // 2 + 1,).
+    Cross and own spectrum of input and output (n,) are averaged over the window before the division (Ljung,
+    System Identification, 2nd ed., eq. 6.46). Gives frequency (Hz) and response, (n // 2 + 1,) each.
     """
     u, y = np.fft.rfft(given - given.mean()), np.fft.rfft(caused - caused.mean())
     window = np.hamming(max(round(width_hz * given.size * period), 1) | 1)
@@ -112,26 +102,20 @@ def empirical_response(
 
 
 def velocity(position: Array, period: float, cutoff_hz: float = 150.0) -> Array:
-    """Velocity by central differences (eq. 6.3) and a zero-phase Butterworth filter of order 10.
+    """Velocity (n,) by central differences (eq. 6.3) and a zero-phase Butterworth filter of order 10.
 
-    `position`: (n,) m or rad. `period`: s. `cutoff_hz`: of the filter; the thesis takes 150 Hz (section 6.3).
-
-    Gives (n,) per second.
+    `position`: (n,) m or rad. `period`: s. `cutoff_hz`: the thesis takes 150 Hz (section 6.3).
     """
     sections = butter(10, cutoff_hz, fs=1.0 / period, output="sos")
     return np.asarray(sosfiltfilt(sections, np.gradient(position, period)))
 
 
 def held_input(command: Array, period: float, cutoff_hz: float = 150.0) -> Array:
-    """What `velocity` makes of a command that is held over each period: the input beside that output.
+    """What `velocity` makes of a command (n,) that is held over each period: the input beside that output.
 
     The held command's integral runs straight from sample to sample; differenced and filtered as the output
     is, it differs from the output by the system alone, exactly. The bare command would lay the filter, the
     differences' own fall-off and half a sample of delay to the system.
-
-    `command`: (n,) per second. `period`, `cutoff_hz`: as in `velocity`.
-
-    Gives (n,) per second.
     """
     integral = np.concatenate([[0.0], np.cumsum(command[:-1]) * period])
     return velocity(integral, period, cutoff_hz)
@@ -144,9 +128,6 @@ def windowed_response(
 
     The thesis puts its estimates through a "128 point size Hamming window"; as in the toolbox that it used,
     the window's size is the number of lags, here 0.128 s to either side, which smooths over some 8 Hz.
-
-    `given`, `caused`: (n,) input and output. `period`: s. `points`: lags to either side.
-
     Gives frequency (401,) in Hz, from 0 to 100 or half the sampling rate, and response (401,).
     """
     u, y = given - given.mean(), caused - caused.mean()
@@ -160,10 +141,7 @@ def windowed_response(
 
 
 def response_at(given: Array, caused: Array, period: float, frequency: float) -> complex:
-    """Response at one frequency: ratio of the fundamentals, fitted together with a mean and a trend.
-
-    `given`, `caused`: (n,) input and output, several periods of a sine. `period`: s. `frequency`: Hz.
-    """
+    """Response at one frequency (Hz): ratio of the fundamentals, fitted together with a mean and a trend."""
     time = np.arange(given.size) * period
     phase = 2.0 * np.pi * frequency * time
     basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(time), time])
@@ -172,22 +150,15 @@ def response_at(given: Array, caused: Array, period: float, frequency: float) ->
 
 
 def fit_output_error(
-    given: Array,
-    caused: Array,
-    period: float,
-    *,
-    zeros: int,
-    poles: int,
-    delay: float,
+    given: Array, caused: Array, period: float, *, zeros: int, poles: int, delay: float,
     highest_hz: float = 60.0,
-) -> tuple[TransferFunction, float]:
+) -> tuple[TransferFunction, float]:  # fmt: skip
     """Continuous transfer function whose own response to the input comes nearest to the output.
 
     It starts from the rational function nearest to the empirical response (Sanathanan and Koerner's
     iteration, doi.org/10.1109/TAC.1963.1105517); then the squared output error is made least.
 
-    `given`, `caused`: (n,) input (see `held_input`) and output, as departures from where they rest at the
-    start. `period`: s. `zeros`, `poles`: orders of numerator and denominator. `delay`: s, a whole number of
+    `given`, `caused`: (n,) input (see `held_input`) and output, from rest. `delay`: s, a whole number of
     periods. `highest_hz`: up to which the first guess looks at the response.
 
     Gives the model, and its fit: 1 for all of the output explained, 0 for no better than the mean.

@@ -74,8 +74,7 @@ _LATE = Details(friction_memory=0.04)
 def drive_both(mode: Mode, units: dict[str, Unit], speed: Array, seed: int, details: Details) -> Simulation:
     """Drive one cylinder in one direction by both pumps, without load, from near the stroke's end.
 
-    `units`: A and B. `speed`: (n,) rad/s, magnitude commanded of both pumps. `seed`: of the trial. `details`:
-    for one pump; its dry friction is doubled.
+    `speed`: (n,) rad/s, magnitude commanded of both. `details`: for one pump; its dry friction is doubled.
     """
     other = "B" if mode.axis == "A" else "A"
     driven = both_pumps(units[mode.axis], units[other])
@@ -117,15 +116,10 @@ def creeping_peaks(mode: Mode, units: dict[str, Unit], seed: int, trials: int = 
     return np.array(found)
 
 
-def _slope(values: Array) -> float:
-    """N/V by a straight line through the peaks over the step's size."""
-    return float(np.polyfit(VOLTS, values, 1)[0])
-
-
-def _about_line(values: Array) -> float:
-    """Standard deviation (N) of the peaks about that line."""
-    left = values - np.polyval(np.polyfit(VOLTS, values, 1), VOLTS)
-    return float(np.std(left, ddof=2))
+def _line(values: Array) -> tuple[float, float]:
+    """Slope (N/V) of a straight line through the peaks over the step's size, and their std (N) about it."""
+    line = np.polyfit(VOLTS, values, 1)
+    return float(line[0]), float(np.std(values - np.polyval(line, VOLTS), ddof=2))
 
 
 def _rise(mode: Mode, units: dict[str, Unit], seed: int, as_is: Array) -> dict[str, Array]:
@@ -148,7 +142,7 @@ def static_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     both = {m.name: peaks(m, units, seed + 1000 * k) for k, m in enumerate(MODES)}
     found = {name: measured for name, (measured, _) in both.items()}
     creeping = {m.name: creeping_peaks(m, units, seed + 1000 * k + 500) for k, m in enumerate(MODES)}
-    slopes = {name: _slope(values) for name, values in found.items()}
+    slopes = {name: _line(values)[0] for name, values in found.items()}
     steepest = max(MODES, key=lambda m: slopes[m.name])
     return {
         "modes": MODES,
@@ -157,8 +151,7 @@ def static_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
         "slopes": slopes,
         "steepest": steepest.name,
         "rise": _rise(steepest, units, seed + 1000 * MODES.index(steepest), found[steepest.name]),
-        "slope": _slope,
-        "about_line": _about_line,
+        "line": _line,
         "sure": _SURE,
         "drawn": {name: unit.friction.trial_spread for name, unit in units.items()},
         "noise": np.mean([np.mean(measured - true) for measured, true in both.values()]),

@@ -15,7 +15,7 @@ from fdd.cli.console import progress
 from fdd.markdown import table
 from fdd.plant.details import Details
 from fdd.unit import Unit
-from reports.thesis import control, dead_band, flow, friction, response, servomotor
+from reports.thesis import control, dead_band, flow, friction, response
 from reports.thesis.runs import Figures
 from reports.writing import FOLDER, OutOption, draw, require_folder, template, write_report
 
@@ -27,7 +27,7 @@ EXPERIMENTS: tuple[Callable[[Unit, Unit, int], Figures], ...] = (
     friction.sliding_friction,
     flow.bulk_modulus,
     flow.transfer_function,
-    servomotor.servomotor,
+    response.servomotor,
     response.low_speed,
     response.high_speed,
     dead_band.dead_band,
@@ -46,10 +46,9 @@ READING = 0.05
 class Row:
     """One number of the thesis beside the plant's.
 
-    `what`, `where`: quantity, and section, equation or table of the thesis. `thesis`, `plant`: values in
-    `unit`. `unit`: as it is to be shown. `tolerance`: allowed distance in `unit`; None for `READING` of the
-    thesis's value. `why`: the reason, shown where the row does not meet. `note`: what a reader must know in
-    any case; may be empty. `digits`: significant ones to show.
+    `where`: section, equation or table of the thesis. `thesis`, `plant`: values in `unit`. `tolerance`:
+    allowed distance; None for `READING` of the thesis's value. `why`: shown where the row does not meet.
+    `note`: shown in any case. `digits`: significant ones to show.
     """
 
     what: str
@@ -85,15 +84,10 @@ class Row:
 
     def cells(self) -> list[str]:
         """As the tables show it."""
-        return [
-            self.what,
-            self.where,
-            number_text(self.thesis, self.digits),
-            number_text(self.plant, self.digits),
-            "" if self.unit == "1" else self.unit,
-            self.deviation,
-            self.verdict if self.verdict == "meets" else f"**{self.verdict}**",
-        ]
+        values = (number_text(value, self.digits) for value in (self.thesis, self.plant))
+        verdict = self.verdict if self.verdict == "meets" else f"**{self.verdict}**"
+        unit = "" if self.unit == "1" else self.unit
+        return [self.what, self.where, *values, unit, self.deviation, verdict]
 
 
 def number_text(number: float, digits: int = 3) -> str:
@@ -126,7 +120,7 @@ def thesis(
                 draw(out / "thesis" / f"{name}.png", panels, columns=columns, height=height)
             sections.append(section(name, found))
             advance(float(number))
-    write_report(out / "thesis.md", "\n".join(report_lines(sections, seed)))
+    write_report(out / "thesis.md", report_text(sections, seed))
     for text, rows in sections:
         print(f"{_title(text)}: {_met(rows)} of {len(rows)} numbers meet the thesis's")
 
@@ -139,13 +133,11 @@ def section(name: str, found: Figures) -> tuple[str, list[Row]]:
         cells = [[*row.cells(), f"± {number_text(row.allowed, 2)}"] for row in rows]
         return "\n".join([*table([*HEAD, "allowed"], cells), *_said(rows)])
 
-    page = template(Path(__file__).with_name("thesis.md.j2"), number=number_text)
-    given: dict[str, Any] = {
-        **found, "details": Details(), "hertz": 2.0 * math.pi, "rows": shown,
-        "row": lambda *values, **more: rows.append(Row(*values, **more)),
-        "picture": lambda caption: f"![{caption}](thesis/{name}.png)\n\n*{caption}*\n",
-    }  # fmt: skip
-    text = "".join(page.blocks[name](page.new_context(given)))
+    text = _block(
+        name, **found, details=Details(), hertz=2.0 * math.pi, rows=shown,
+        row=lambda *values, **more: rows.append(Row(*values, **more)),
+        picture=lambda caption: f"![{caption}](thesis/{name}.png)\n\n*{caption}*\n",
+    )  # fmt: skip
     return re.sub(r"\n{3,}", "\n\n", text).strip(), rows
 
 
@@ -162,7 +154,7 @@ def anchor(title: str) -> str:
     return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
 
 
-def report_lines(sections: list[tuple[str, list[Row]]], seed: int) -> list[str]:
+def report_text(sections: list[tuple[str, list[Row]]], seed: int) -> str:
     """The whole of ``reports/thesis.md``."""
     every, summary, body = [row for _, rows in sections for row in rows], [], []
     for number, (text, rows) in enumerate(sections, 1):
@@ -171,33 +163,16 @@ def report_lines(sections: list[tuple[str, list[Row]]], seed: int) -> list[str]:
         summary.append([link, *[""] * (len(HEAD) - 2), f"**{_met(rows)} of {len(rows)} meet**"])
         summary += [row.cells() for row in rows]
         body += [text.replace(f"## {_title(text)}", f"## {title}", 1), ""]
-    return [
-        "# The thesis's experiments on its simulated prototype",
-        "",
-        "The prototype of this project's reference, a master's thesis on a dual electro-hydrostatic "
-        "actuator with fault injection, is simulated by `fdd.plant` with the profiles `axis_a` "
-        "and `axis_b`. Here the experiments of its chapters 5, 6 and 7 are repeated on the "
-        "simulated prototype as the thesis describes them, through simulated sensors, and what they give "
-        "stands beside what the thesis prints. Every parameter comes from the profiles, where its source is "
-        "noted, or is an assumption of `fdd.plant.Details`. Five assumed numbers were taken from what "
-        "is shown here: the seals' break-away share from Table 5.1, the lag of their friction from section "
-        "5.3's run-up, their resistance to quick changes from the decay of eq. 6.13's pole pair, the dead "
-        "band of the drive's input from Table 6.1, and the share of the leakage that goes through the case "
-        "drain from section 5.2. Nothing else was tuned to these results.",
-        "",
-        f"**{_met(every)} of {len(every)} numbers meet the thesis's.** A number meets where it lies within "
-        f"the thesis's own spread, or within {100 * READING:.0f} % where the thesis gives none, unless the "
-        "row names another tolerance. Where one does not, its section gives the reason and, where there "
-        "is one, the experiment that shows it. Where the thesis contradicts itself, both of its values "
-        "are shown.",
-        "",
-        f"Made by `python -m reports thesis --seed {seed}`.",
-        "",
-        "## Summary",
-        "",
-        *table(HEAD, summary),
-        *body,
-    ]
+    return _block(
+        "report", met=_met(every), rows=len(every), reading=READING, seed=seed,
+        summary="\n".join(table(HEAD, summary)), body="\n".join(body),
+    )  # fmt: skip
+
+
+def _block(name: str, **given: Any) -> str:
+    """A block of the template."""
+    page = template(Path(__file__).with_name("thesis.md.j2"), number=number_text)
+    return "".join(page.blocks[name](page.new_context(given)))
 
 
 def _said(rows: list[Row]) -> list[str]:

@@ -1,18 +1,22 @@
-"""Section 6.4: the whole actuator, demanded motor speed to actuator velocity, about rest and at speed."""
+"""Sections 6.3 and 6.4: servomotor and whole actuator, by ETFE, output-error fit and single sines."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.identification.experiments.response import from_profile
+from fdd.identification.experiments.response import decibel, degrees, from_profile
 from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.plant.details import Details
 from fdd.unit import Unit
 from reports.thesis.frequency_response import (
     TransferFunction,
+    empirical_response,
     fit_output_error,
     held_input,
     response_at,
@@ -22,21 +26,134 @@ from reports.thesis.frequency_response import (
 from reports.thesis.runs import (
     PERIOD,
     VOLT,
-    Beside,
     Figures,
+    binary_noise,
     changed,
     hydraulic_gain,
     identification_volts,
     riding_partner,
     run_speed,
-    with_coulomb_alone,
     with_friction,
     with_torque,
 )
-from reports.thesis.servomotor import STALL_TORQUE, bode
+from reports.writing import Panel
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+
+SERVOMOTOR = TransferFunction((68.67, 1.21e5), (1.0, 760.8, 1.26e5), 0.001)
+"""Eq. 6.11."""
+BANDWIDTH = 33.3
+"""Hz, section 6.3."""
+SECONDS, _NOISE_SECONDS = 12.5, 8.0
+"""Of the test signal; the thesis names this interval for its verifying chirp."""
+LEVELS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
+"""V of section 6.2's binary noise of 785.4 rad/s; the thesis's drive fails at more than 6 V."""
+STALL_TORQUE = 8.0
+"""N·m, Table 4.11; section 4.6 calls it the largest torque."""
+LIMITS = (STALL_TORQUE, 16.1, 26.0)
+"""N·m: the stall torque, the profile's limit, and one and a half times that."""
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A model and its fit (1 explains all), input and output (n,) that it is from, largest current (A)."""
+
+    model: TransferFunction
+    fit: float
+    given: Array
+    caused: Array
+    largest_current: float
+
+
+def _best_fit(
+    given: Array, caused: Array, delays: Iterable[int], **orders: Any
+) -> tuple[TransferFunction, float]:
+    """Output-error model with the delay (ms) under which it explains most, and its fit."""
+    fits = (fit_output_error(given, caused, PERIOD, delay=d * PERIOD, **orders) for d in delays)
+    return max(fits, key=lambda found: found[1])
+
+
+def identify_motor(unit: Unit, seed: int, details: Details | None = None) -> Identified:
+    """Second-order output-error model from demanded to true motor speed, about rest."""
+    command = np.concatenate([np.zeros(_REST), VOLT * identification_volts(SECONDS, seed)])
+    log = run_speed(unit, command, details=details, seed=seed).samples
+    given = held_input(command, PERIOD)[_REST:]
+    caused = velocity(log["pump_angle"], PERIOD)[_REST:]
+    model, fit = _best_fit(given, caused, range(4), zeros=1, poles=2, highest_hz=150.0)
+    return Identified(model, fit, given, caused, float(np.max(np.abs(log["motor_current"]))))
+
+
+def level_bandwidths(unit: Unit, limit: float, seed: int) -> list[str]:
+    """-3 dB points (Hz) of motor / whole actuator at each of `LEVELS`, as figures 6.7 and 6.8.
+
+    By an ETFE through a window of 128 points, below its value at 1 Hz, with the drive's torque limited (N·m).
+    """
+    limited, found = with_torque(unit, limit), []
+    for volt in LEVELS:
+        command = np.concatenate([np.zeros(_REST), volt * VOLT * binary_noise(_NOISE_SECONDS, 125.0, seed)])
+        log = run_speed(limited, command, seed=seed).samples
+        given = held_input(command, PERIOD)[_REST:]
+        points = []
+        for channel in ("pump_angle", "position"):
+            frequency, response = windowed_response(given, velocity(log[channel], PERIOD)[_REST:], PERIOD)
+            size = np.abs(response)[frequency >= 1.0]
+            points.append(half_power_frequency(frequency[frequency >= 1.0], size, float(size[0])))
+        found.append(" / ".join(f"{hz:.0f}" for hz in points))
+    return found
+
+
+def bode(measured: tuple[Array, ComplexArray], model: TransferFunction, thesis: TransferFunction,
+          name: str, gain: float, mark: float, highest: float,
+          points: tuple[tuple[float, ...], ComplexArray] | None = None) -> list[Panel]:  # fmt: skip
+    """Magnitude and phase over a gain: measured response, model, the thesis's, and points beside them."""
+    frequency, response = measured
+    fine, shown = np.geomspace(0.5, highest, 400), (frequency > 0.5) & (frequency < highest)
+    panels = []
+    parts: tuple[tuple[Callable[[ComplexArray], Array], str, tuple[float, float]], ...] = (
+        (decibel, "magnitude (dB)", (-25.0, 8.0)), (degrees, "phase (°)", (-360.0, 20.0)),
+    )  # fmt: skip
+    for part, label, limits in parts:
+        curves = [
+            (frequency[shown], part(response[shown] / gain), "0.65", "plant, ETFE"),
+            (fine, part(model.at(fine) / gain), "C0-", "plant, output-error model"),
+            (fine, part(thesis.at(fine) / gain), "k--", f"thesis, {name}"),
+        ]
+        if points is not None:
+            curves.append((np.array(points[0]), part(points[1]), "C3o", "plant, single sines of ±1.5 V"))
+        settings = {"ylabel": label, "ylim": limits, "xscale": "log", "xlabel": "frequency (Hz)"}
+        panels.append(Panel(curves, settings, at_x={mark: f"thesis, {mark:.1f} Hz"}))
+    return panels
+
+
+def _degrees_behind(model: TransferFunction, frequency: float) -> float:
+    """How far its phase lies behind eq. 6.11's at a frequency in Hz (°)."""
+    high = np.array([frequency])
+    return float(np.degrees(np.angle(SERVOMOTOR.at(high) / model.at(high)))[0])
+
+
+def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+    """Section 6.3: identify axis A's servomotor as the thesis did, and with one thing changed at a time."""
+    found = identify_motor(axis_a, seed)
+    measured = empirical_response(found.given, found.caused, PERIOD)
+    # A current limit that this signal does not reach; cogging grows with it.
+    strong = changed(axis_a, "drive", current_limit=2.0 * axis_a.drive.current_limit)
+    quick = identify_motor(axis_a, seed, Details(current_lag=1e-4))
+    return {
+        "thesis": SERVOMOTOR,
+        "found": found,
+        "rates": np.sort(np.abs(found.model.poles)),
+        "limit": axis_a.drive.current_limit,
+        "free": identify_motor(strong, seed),
+        "stalled": identify_motor(with_torque(axis_a, STALL_TORQUE), seed),
+        "levels": [(limit, level_bandwidths(axis_a, limit, seed)) for limit in LIMITS],
+        "volts": LEVELS,
+        "behind": _degrees_behind(found.model, 100.0),
+        "behind_bandwidth": _degrees_behind(found.model, 33.3),
+        "behind_quick": _degrees_behind(quick.model, 100.0),
+        "picture": bode(measured, found.model, SERVOMOTOR, "eq. 6.11", 1.0, BANDWIDTH, 150.0),
+    }
+
 
 LOW = TransferFunction((1.08e-2, 2.562, 242.6), (1.0, 144.8, 1.66e4, 6.50e5), 0.01)
 HIGH = TransferFunction((9.43e-3, 4.37, 648.80), (1.0, 185.5, 3.14e4, 1.91e6), 0.01)
@@ -54,9 +171,8 @@ _LATE = 8e-3
 class Region:
     """A working region of section 6.4.
 
-    `name`, `mean`: and the mean command (V). `equation`, `thesis`: its model in the thesis, and where.
-    `bandwidth`, `pair`, `single`: Hz and 1/s, as the thesis prints them. `seconds`: of the test signal; at
-    speed the stroke ends it. `start`: m from mid-stroke.
+    `mean`: command (V). `thesis`: its model there. `bandwidth`, `pair`, `single`: Hz and 1/s, as the thesis
+    prints them. `seconds`: of the test signal; at speed the stroke ends it. `start`: m from mid-stroke.
     """
 
     name: str
@@ -91,27 +207,23 @@ class Response:
     sines_bandwidth: float
 
 
-def _drive(
-    unit: Unit, region: Region, volts: Array, seed: int, partner: Beside | None, details: Details | None
-) -> tuple[Array, Array]:
+def _drive(unit: Unit, region: Region, volts: Array, seed: int, **how: Any) -> tuple[Array, Array]:
     """Command (rad/s) and velocity (m/s) while the signal plays, about what they are before it."""
     lead = np.full(_LEVEL if region.mean else 0, region.mean)
     command = VOLT * np.concatenate([np.zeros(_REST), lead, region.mean + volts])
-    log = run_speed(unit, command, start=region.start, partner=partner, details=details, seed=seed).samples
+    log = run_speed(unit, command, start=region.start, seed=seed, **how).samples
     first = _REST + lead.size
     speed = velocity(log["position"], PERIOD)
     before = float(np.mean(speed[first - 60 : first - 10])) if region.mean else 0.0
     return held_input(command, PERIOD)[first:] - VOLT * region.mean, speed[first:] - before
 
 
-def single_sine(
-    unit: Unit, region: Region, frequency: float, seed: int, partner: Beside | None, details: Details | None
-) -> complex:
+def single_sine(unit: Unit, region: Region, frequency: float, seed: int, **how: Any) -> complex:
     """Response over Dp/A to ±1.5 V at one frequency, by the fundamental of the last whole periods."""
     seconds = 2.2 if region.mean else max(4.0 / frequency, 1.5)
     time = np.arange(round(seconds / PERIOD)) * PERIOD
     volts = AMPLITUDE * np.sin(2.0 * np.pi * frequency * time)
-    given, caused = _drive(unit, region, volts, seed, partner, details)
+    given, caused = _drive(unit, region, volts, seed, **how)
     # The zero-phase filter has no future at the end of the log.
     usable = time.size - 20
     periods = max(int(0.6 * usable * PERIOD * frequency), 1)
@@ -120,16 +232,14 @@ def single_sine(
 
 
 def respond(
-    unit: Unit, region: Region, seed: int, *, sines: tuple[float, ...] = SINES,
-    partner: Beside | None = None, details: Details | None = None,
-) -> Response:  # fmt: skip
-    """Third-order output-error model, ETFE and single sines of one axis in one region."""
-    given, caused = _drive(unit, region, identification_volts(region.seconds, seed), seed, partner, details)
-    fits = [fit_output_error(given, caused, PERIOD, zeros=2, poles=3, delay=d * PERIOD) for d in _DELAYS]
-    model, fit = max(fits, key=lambda found: found[1])
+    unit: Unit, region: Region, seed: int, *, sines: tuple[float, ...] = SINES, **how: Any
+) -> Response:
+    """Third-order output-error model, ETFE and single sines of one axis in one region; `how` it is run."""
+    given, caused = _drive(unit, region, identification_volts(region.seconds, seed), seed, **how)
+    model, fit = _best_fit(given, caused, _DELAYS, zeros=2, poles=3)
     frequency, empirical = windowed_response(given, caused, PERIOD)
     own = half_power_frequency(frequency, np.abs(empirical), abs(empirical[0]))
-    single = np.array([single_sine(unit, region, f, seed, partner, details) for f in sines])
+    single = np.array([single_sine(unit, region, f, seed, **how) for f in sines])
     bandwidth = half_power_frequency(np.array(sines), np.abs(single), 1.0)
     return Response(model, fit, frequency, empirical, own, single, bandwidth)
 
@@ -155,22 +265,20 @@ def _figures(region: Region, unit: Unit, found: Response, cases: dict[str, Respo
 def low_speed(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     """Section 6.4 about rest, where the friction of reversal decides."""
 
-    def case(unit: Unit = axis_a, partner: Beside | None = None, details: Details | None = None) -> Response:
-        return respond(unit, LOW_SPEED, seed, partner=partner, details=details)
-
+    case = partial(respond, region=LOW_SPEED, seed=seed)
     pressure = VOLT * AMPLITUDE * axis_a.pump.displacement * axis_a.oil.bulk_modulus
     pressure /= 0.5 * axis_a.cylinder.volume_1 * 2.0 * np.pi * 16.8
-    found = case()
+    found = case(axis_a)
     cases = {
         "plant": found,
         "plant, 30 % of its dry friction": case(with_friction(axis_a, 0.3)),
         "plant, 10 % of its dry friction": case(with_friction(axis_a, 0.1)),
-        "plant, friction that does not rise towards rest": case(with_coulomb_alone(axis_a)),
+        "plant, friction that does not rise towards rest": case(with_friction(axis_a, rises=False)),
         "plant, bristles three times as stiff":
-            case(details=Details(bristle_stiffness=3.0 * Details().bristle_stiffness)),
+            case(axis_a, details=Details(bristle_stiffness=3.0 * Details().bristle_stiffness)),
         "plant, its drive limited to 8 N·m": case(with_torque(axis_a, STALL_TORQUE)),
         "plant, its drive 8 ms late": case(changed(axis_a, "drive", delay=_LATE)),
-        "plant, axis B riding along, by-pass and throttle open": case(partner=riding_partner(axis_b)),
+        "plant, axis B riding along, by-pass and throttle open": case(axis_a, partner=riding_partner(axis_b)),
     }  # fmt: skip
     return {
         **_figures(LOW_SPEED, axis_a, found, cases),
@@ -183,10 +291,8 @@ def low_speed(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
 def high_speed(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     """Section 6.4 about 95 mm/s, where the piston never reverses."""
 
-    def case(unit: Unit = axis_a, partner: Beside | None = None, details: Details | None = None) -> Response:
-        return respond(unit, HIGH_SPEED, seed, partner=partner, details=details)
-
-    found, mass = case(), axis_a.cylinder.moving_mass
+    case = partial(respond, region=HIGH_SPEED, seed=seed)
+    found, mass = case(axis_a), axis_a.cylinder.moving_mass
     heavy = changed(axis_a, "cylinder", moving_mass=mass + axis_b.cylinder.moving_mass)
     airy_a, airy_b = (changed(unit, "oil", bulk_modulus=1.2e8) for unit in (axis_a, axis_b))
     riding = "plant, axis B riding along"
@@ -196,10 +302,14 @@ def high_speed(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
         "plant, twice the mass on its rod": case(heavy),
         "plant, its drive limited to 8 N·m": case(with_torque(axis_a, STALL_TORQUE)),
         "plant, its drive 8 ms late": case(changed(axis_a, "drive", delay=_LATE)),
-        "plant, seals' resistance to quick changes 500 N·s/m": case(details=Details(seal_damping=500.0)),
-        f"{riding}, its by-pass and throttle open": case(partner=riding_partner(axis_b)),
-        f"{riding}, its by-pass open": case(partner=riding_partner(axis_b, throttle=False)),
-        f"{riding}, by-pass and throttle open, both axes 120 MPa": case(airy_a, riding_partner(airy_b)),
+        "plant, seals' resistance to quick changes 500 N·s/m": case(
+            axis_a, details=Details(seal_damping=500.0)
+        ),
+        f"{riding}, its by-pass and throttle open": case(axis_a, partner=riding_partner(axis_b)),
+        f"{riding}, its by-pass open": case(axis_a, partner=riding_partner(axis_b, throttle=False)),
+        f"{riding}, by-pass and throttle open, both axes 120 MPa": case(
+            airy_a, partner=riding_partner(airy_b)
+        ),
     }
     return {
         **_figures(HIGH_SPEED, axis_a, found, cases),

@@ -39,32 +39,22 @@ def run_speed(
 ) -> Simulation:  # fmt: skip
     """Drive the pump with a commanded speed, without feedback of position.
 
-    `unit`: the axis. `command`: (n,) rad/s, one value a millisecond. `start`: m from mid-stroke. `partner`:
-    None leaves the cylinder alone. `seed`: draws the trial: friction, noise. `scenario`: what else of it.
+    `command`: (n,) rad/s, one value a millisecond. `start`: m from mid-stroke. `partner`: None leaves the
+    cylinder alone. `seed`: draws the trial: friction, noise. `scenario`: what else of it.
 
     Raises `InputError`: `start` is outside the stroke.
     """
     whole = Scenario(
-        unit=unit.name,
-        duration=command.size * PERIOD,
-        duty=Replay(values=tuple(command.tolist()), offset=start),
-        control=control or Control(mode="speed"),
-        partner=partner[1] if partner else None,
-        details=details or Details(),
-        recording=Recording.perfect(),
-        seed=seed,
-        **scenario,
-    )
+        unit=unit.name, duration=command.size * PERIOD, control=control or Control(mode="speed"),
+        duty=Replay(values=tuple(command.tolist()), offset=start), partner=partner[1] if partner else None,
+        details=details or Details(), recording=Recording.perfect(), seed=seed, **scenario,
+    )  # fmt: skip
     return simulate(unit, whole, partner=partner[0] if partner else None)
 
 
-def run_position(
-    unit: Unit, setpoint: Array, gain: float, *, partner: Beside | None = None,
-    details: Details | None = None, seed: int = 0,
-) -> Simulation:  # fmt: skip
+def run_position(unit: Unit, setpoint: Array, gain: float, **more: Any) -> Simulation:
     """Close the position loop of section 7.2, `gain` in (rad/s)/m, around the pump; set-point (n,) in m."""
-    loop = Control(mode="position", gain=gain)
-    return run_speed(unit, setpoint, partner=partner, details=details, control=loop, seed=seed)
+    return run_speed(unit, setpoint, control=Control(mode="position", gain=gain), **more)
 
 
 def throttled_partner(unit: Unit, partner: Unit, pressure: float) -> Beside:
@@ -72,9 +62,7 @@ def throttled_partner(unit: Unit, partner: Unit, pressure: float) -> Beside:
 
     The throttle closes from fully open within two seconds: against a closed one the piston's start would
     overshoot and open the relief valve, which shuts again only below the pressures of section 5.2.
-
-    `unit`, `partner`: the driving axis and the other. `pressure`: Pa over the throttle while the driving pump
-    turns at 100 rad/s without leakage.
+    `pressure`: Pa over it while the driving pump turns at 100 rad/s without leakage.
     """
     flow = 100.0 * unit.pump.displacement * partner.cylinder.area_1 / unit.cylinder.area_1
     opening = flow / (Circuit().throttle_flow * math.sqrt(1e-6 * pressure))
@@ -113,20 +101,12 @@ def changed(unit: Unit, part: str, **values: float) -> Unit:
     return out
 
 
-def with_friction(unit: Unit, share: float) -> Unit:
-    """The same axis with a share of its dry friction."""
+def with_friction(unit: Unit, share: float = 1.0, *, rises: bool = True) -> Unit:
+    """The same axis with a share of its dry friction, which `rises` towards rest or is Coulomb's alone."""
     out = unit.model_copy(deep=True)
     for branch in (out.friction.forward, out.friction.reverse):
         branch.coulomb *= share
-        branch.static *= share
-    return out
-
-
-def with_coulomb_alone(unit: Unit) -> Unit:
-    """The same axis with friction that does not rise towards rest: its static friction is Coulomb's."""
-    out = unit.model_copy(deep=True)
-    for branch in (out.friction.forward, out.friction.reverse):
-        branch.static = branch.coulomb
+        branch.static = share * branch.static if rises else branch.coulomb
     return out
 
 

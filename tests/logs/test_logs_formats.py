@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -86,13 +88,9 @@ def matlab73(path: Path) -> None:
 def tdms(path: Path) -> None:
     from nptdms import ChannelObject, TdmsWriter
 
+    about = {"wf_increment": 0.001, "unit_string": "?"}
     with TdmsWriter(path) as writer:
-        writer.write_segment(
-            [
-                ChannelObject("daq", n, v, properties={"wf_increment": 0.001, "unit_string": "?"})
-                for n, v in foreign().items()
-            ]
-        )
+        writer.write_segment([ChannelObject("daq", n, v, properties=about) for n, v in foreign().items()])
 
 
 def mdf4(path: Path) -> None:
@@ -132,6 +130,15 @@ WRITERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
 }
 
 
+@cache
+def content_of(kind: str) -> bytes:
+    """What its writer makes, once."""
+    name, write = WRITERS[kind]
+    with TemporaryDirectory() as folder:
+        write(Path(folder) / name)
+        return (Path(folder) / name).read_bytes()
+
+
 def _two_sheets(path: Path) -> None:
     with pd.ExcelWriter(path) as book:
         pd.DataFrame({"about": ["rig 3", "a note"]}).to_excel(book, sheet_name="cover", index=False)
@@ -147,31 +154,28 @@ def assert_equal(read: Samples, wanted: Samples = SAMPLES) -> None:
 
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_file_of_every_format_is_read(kind: str, tmp_path: Path) -> None:
-    name, write = WRITERS[kind]
-    write(tmp_path / name)
-    log = read_log(tmp_path / name, _with_time(tmp_path / name))
-    assert_equal(log.samples)
+    path = tmp_path / WRITERS[kind][0]
+    path.write_bytes(content_of(kind))
+    assert_equal(read_log(path, _with_time(path)).samples)
 
 
 def _with_time(path: Path) -> ChannelMap:
     """The map, with the time column where the file has one and does not say what it is."""
-    named = [s for s in open_log(path).signals if s.rsplit("/", 1)[-1] in ("time", "t")]
-    if named and open_log(path).stamps(open_log(path).signals[named[0]].clock) is None:
+    log, times = open_log(path), {}
+    named = [s for s in log.signals if s.rsplit("/", 1)[-1] in ("time", "t")]
+    if named and log.stamps(log.signals[named[0]].clock) is None:
         times = {"time": {"column": named[0]}}
-    else:
-        times = {}
     return ChannelMap.model_validate(
         {"channels": {**MAP.model_dump(by_alias=True, exclude_defaults=True)["channels"], **times}}
     )
 
 
-@pytest.mark.parametrize(("name", "write"), [WRITERS["HDF5"], WRITERS["MDF 4"]])
-def test_a_slow_signal_has_its_own_stamps(name: str, write: Callable[[Path], Any], tmp_path: Path) -> None:
-    write(tmp_path / name)
+@pytest.mark.parametrize("kind", ["HDF5", "MDF 4"])
+def test_a_slow_signal_has_its_own_stamps(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / WRITERS[kind][0]
+    path.write_bytes(content_of(kind))
     text = "\n".join(f"{c}: {{column: {n}}}" for c, (n, _, _) in FOREIGN.items())
-    log = read_log(
-        tmp_path / name, ChannelMap.from_yaml(text + "\noil_temperature: {column: oil_temperature}")
-    )
+    log = read_log(path, ChannelMap.from_yaml(text + "\noil_temperature: {column: oil_temperature}"))
     assert_equal(log.samples)  # the units are the file's own
     there = np.flatnonzero(np.isfinite(log.samples["oil_temperature"]))
     np.testing.assert_allclose(log.samples.time[there], OIL_T, atol=1e-9)
@@ -183,14 +187,12 @@ def test_a_slow_signal_has_its_own_stamps(name: str, write: Callable[[Path], Any
 def test_a_cut_file_is_read_as_far_as_it_goes_or_refused_in_one_line(
     kind: str, share: float, tmp_path: Path
 ) -> None:
-    name, write = WRITERS[kind]
-    write(tmp_path / name)
-    content = (tmp_path / name).read_bytes()
-    (tmp_path / name).write_bytes(content[: int(share * len(content))])
+    path, content = tmp_path / WRITERS[kind][0], content_of(kind)
+    path.write_bytes(content[: int(share * len(content))])
     try:
-        log = read_log(tmp_path / name, _with_time(tmp_path / name))
+        log = read_log(path, _with_time(path))
     except ValueError as error:
-        assert str(error).startswith(str(tmp_path / name)) and "\n" not in str(error)
+        assert str(error).startswith(str(path)) and "\n" not in str(error)
     else:
         rows = len(log.samples)
         assert rows <= len(SAMPLES)

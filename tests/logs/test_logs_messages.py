@@ -1,4 +1,7 @@
-"""MCAP messages of every encoding, written by the encodings' own libraries, against what these read."""
+"""MCAP messages of every encoding, written by the encodings' own libraries, against what these read.
+
+``pytest tests/logs --benchmark-enable -k reading`` times them beside the libraries' own readers.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from made_up_logs import mcap_of, refused_log
+from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
 from fdd.logs import ChannelMap, read_log
@@ -206,3 +210,65 @@ def test_what_cannot_be_read_says_why(tmp_path: Path) -> None:
     ):
         path = mcap_of(tmp_path / "a.mcap", [b"\0\1\0\0" * 4] * 3, "/daq", encoding, schema)
         assert said in refused_log(path, wanted)
+
+
+MESSAGES = 60_000
+"""A minute at 1 kHz, of ten numbers each."""
+NAMES = [f"signal_{k}" for k in range(10)]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The same messages in each encoding, one a sample, as other people's recorders write them."""
+    from google.protobuf import descriptor_pb2
+
+    rows = RNG.normal(size=(MESSAGES, len(NAMES))).cumsum(axis=0).tolist()
+    file = descriptor_pb2.FileDescriptorProto(name="d.proto", package="rig", syntax="proto3")
+    kind = file.message_type.add(name="Daq")
+    for k, name in enumerate(NAMES, 1):
+        kind.field.add(name=name, number=k, type=1, label=1)
+    descriptors = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
+    ros = "\n".join(f"float64 {n}" for n in NAMES).encode()
+    kinds: dict[str, tuple[tuple[str, str, bytes], Any]] = {
+        "json": (
+            ("Daq", "jsonschema", b"{}"), lambda r: json.dumps(dict(zip(NAMES, r, strict=True))).encode(),
+        ),
+        "protobuf": (
+            ("rig.Daq", "protobuf", descriptors),
+            lambda r: b"".join(bytes([k << 3 | 1]) + struct.pack("<d", v) for k, v in enumerate(r, 1)),
+        ),
+        "cdr": (("rig/msg/Daq", "ros2msg", ros), lambda r: b"\0\1\0\0" + struct.pack("<10d", *r)),
+    }  # fmt: skip
+    folder = tmp_path_factory.mktemp("recorded")
+    return {
+        encoding: mcap_of(folder / f"{encoding}.mcap", map(packed, rows), "/daq", encoding, schema)
+        for encoding, (schema, packed) in kinds.items()
+    }
+
+
+def plainly(path: Path, encoding: str) -> list[list[float]]:
+    """The library's reader and the encoding's own decoder, message by message."""
+    from mcap_protobuf.decoder import DecoderFactory
+    from mcap_ros2.decoder import DecoderFactory as RosFactory
+
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory(), RosFactory()])
+        if encoding == "json":
+            return [[m[n] for n in NAMES] for m in (json.loads(x[2].data) for x in reader.iter_messages())]
+        return [[getattr(x.decoded_message, n) for n in NAMES] for x in reader.iter_decoded_messages()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", ["fdd", "plain reader"])
+@pytest.mark.parametrize("encoding", ["json", "protobuf", "cdr"])
+def test_reading_messages(benchmark: Any, recorded: dict[str, Path], encoding: str, by: str) -> None:
+    benchmark.group = f"reading {encoding} messages"
+    benchmark.extra_info["messages"] = MESSAGES
+
+    def read() -> Any:
+        if by == "plain reader":
+            return np.array(plainly(recorded[encoding], encoding))[:, 0]
+        log = open_log(recorded[encoding])
+        return log.read(list(log.signals))["/daq.signal_0"]
+
+    assert benchmark(read).shape == (MESSAGES,)

@@ -107,16 +107,6 @@ def test_an_mcap_log_of_two_axes_is_read_by_axis(tmp_path: Path) -> None:
         assert log.metadata["unit"]["yaml"] == f"of {axis}"
 
 
-def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    path.write_bytes(b"old")
-    with pytest.raises(Exception, match="not JSON serializable"):
-        write_run(path, strokes(10), axis="a", labels={"x": object()})
-    with pytest.raises(ValueError):
-        write_run(path, strokes(10), axis="a", truth={"time": np.zeros(3), "leakage": np.ones(4)})
-    assert path.read_bytes() == b"old" and list(tmp_path.iterdir()) == [path]
-
-
 cuts = st.lists(st.integers(0, ROWS), max_size=8)
 
 

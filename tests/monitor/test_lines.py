@@ -134,20 +134,6 @@ def test_a_clock_that_was_set_is_followed(restart: float) -> None:
     assert any("the clock was set" in r for r in parser.remarks())
 
 
-def test_dropped_rows_are_counted() -> None:
-    rows = steady(0.0, 1000)
-    parser = LineParser()
-    for part in (rows[:300], rows[305:600], rows[650:]):
-        parser.samples(part)
-    kept = [*rows[:300], *rows[305:600], *rows[650:]]
-    together = LineParser()
-    together.samples(kept)
-    assert together.quality().dropped_samples == 55
-    assert together.quality().time_jumps == 1
-    # However the stream is cut into blocks.
-    assert parser.quality() == together.quality()
-
-
 def test_unknown_names_are_told_once_and_bounded() -> None:
     parser = LineParser()
     rows = [line(time=0.001 * k, position=0.0, **{f"extra_{k}": 1}) for k in range(100)]

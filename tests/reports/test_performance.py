@@ -4,7 +4,7 @@ import pytest
 
 from reports.plant.cases import Cases
 from reports.plant.numerics import RealTime, against_half_steps, work_precision
-from reports.plant.report import Measured, Plan, report_lines
+from reports.plant.report import Measured, Plan, report_text
 from reports.plant.wild import Outcome
 
 pytestmark = pytest.mark.slow
@@ -25,25 +25,14 @@ def test_errors_fall_as_work_rises(measured):
     ours = [point for point in measured.work if point.solver == "this plant"]
     assert [point.evaluations for point in ours] == sorted(point.evaluations for point in ours)
     assert ours[-1].pressure < ours[0].pressure
-    assert {point.solver for point in measured.work} == {
-        "this plant",
-        "SciPy RK45",
-        "SciPy LSODA",
-        "SciPy Radau",
-    }
+    peers = {"SciPy RK45", "SciPy LSODA", "SciPy Radau"}
+    assert {point.solver for point in measured.work} == {"this plant", *peers}
 
 
 def test_the_report_says_what_was_found(measured):
-    text = "\n".join(report_lines(measured))
-    for told in (
-        "320",
-        "steps, has 320: met",
-        "seed 7: NaN",
-        "refine 1",
-        "SciPy Radau",
-        "28 µrad",
-    ):
+    text = report_text(measured)
+    for told in ("320", "steps, has 320: met", "seed 7: NaN", "refine 1", "SciPy Radau", "28 µrad"):
         assert told in text
     slow = [RealTime("sines", 299.0, 1.5)]
-    missed = "\n".join(report_lines(Measured(measured.plan, slow, measured.work, measured.trust)))
+    missed = report_text(Measured(measured.plan, slow, measured.work, measured.trust))
     assert "299: missed" in missed and "Robustness" not in missed

@@ -1,4 +1,4 @@
-"""What ``python -m reports load`` measures and says."""
+"""What ``python -m reports load`` and ``troubles`` measure and say."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from reports.live import ramp as room
 from reports.live.inside import Inside, inside, logs, messages
 from reports.live.ramp import Overload, Stage, ramp, why_not
 from reports.live.report import report_text
+from reports.troubles import TROUBLES, Outcome
+from reports.troubles import report_text as troubles_text
 
 MB = 10**6
 
 
 @pytest.fixture(scope="module")
 def recorded() -> list[Samples]:
-    return logs(40.0)
+    return logs(31.0)
 
 
 def stage(axes: int, **more: object) -> Stage:
@@ -34,7 +36,7 @@ def stage(axes: int, **more: object) -> Stage:
 def test_messages_hold_the_whole_log(recorded: list[Samples]) -> None:
     log = recorded[1]
     blocks = [Decoder().decode(m, axis="A1") for m in messages(log)]
-    assert [b.sequence for b in blocks] == list(range(400))
+    assert [b.sequence for b in blocks] == list(range(310))
     joined = Samples.concatenate([b.samples for b in blocks])
     assert set(joined.channels) == set(CHANNELS) - {"time", "load_force"}, "all that the rig has"
     for name in joined.channels:
@@ -42,17 +44,22 @@ def test_messages_hold_the_whole_log(recorded: list[Samples]) -> None:
 
 
 def test_the_fleet_costs_more_than_the_pipeline_alone(recorded: list[Samples]) -> None:
-    cost = inside(recorded, axes=1, seconds=20.0, repeats=1, aged_s=0.0)
+    cost = inside(recorded, axes=1, seconds=8.0, repeats=1, aged_s=0.0)
     assert cost.whole > cost.alone > 1.0
 
 
 def test_the_report_says_what_was_found() -> None:
     cost = Inside(10, 60.0, 9.0, 7.5, 3.0 * MB, 660.0)
-    text = report_text(cost, [stage(50), stage(100), stage(120, lag_99=1.4)], 60.0)
+    over = Overload(160, 60.0, 50, 0.8, "overloaded", 700 * MB, 9_600_000, 9_600_000, 90.0)
+    stages, cases = [stage(50), stage(100), stage(120, lag_99=1.4)], {"every axis leaks": stage(40, lag=0.33)}
+    text = report_text(cost, stages, 60.0, None, cases, over)
     for told in (
         "one core: 100 axes; asked for were 100: met",
         "the service adds 1.5 µs",
         "3.0 MB an axis after 660 s",
+        "| every axis leaks | 8.0 | 32 % | 0.33 |",
+        "**50** of them (31 %) were followed, with a median lag of 0.80 s",
+        "9,600,000 samples were sent; 9,600,000 were worked 90 s after",
     ):
         assert told in text
     missed = report_text(cost, [stage(50), stage(100, dropped=3)], 60.0)
@@ -79,21 +86,6 @@ def test_one_axis_in_real_time(recorded: list[Samples]) -> None:
     assert 0.0 < one.lag <= one.lag_99 and one.cpu_us > 1.0 and one.rss > 50 * MB
 
 
-def test_harder_cases_and_overload_are_told() -> None:
-    over = Overload(
-        160, 60.0, 50, 0.8, "overloaded: 50 of 160 axes are followed", 700 * MB, 9_600_000, 9_600_000, 90.0
-    )
-    cases = {"every axis leaks": stage(40, lag=0.33)}
-    cost = Inside(10, 60.0, 9.0, 7.5, 3.0 * MB, 660.0)
-    text = report_text(cost, [stage(80), stage(100, lag_99=2.0)], 60.0, None, cases, over)
-    for told in (
-        "| every axis leaks | 8.0 | 32 % | 0.33 |",
-        "**50** of them (31 %) were followed, with a median lag of 0.80 s",
-        "9,600,000 samples were sent; 9,600,000 were worked 90 s after",
-    ):
-        assert told in text
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(why_not() is not None, reason=str(why_not()))
 def test_an_outage_loses_nothing(capsys: pytest.CaptureFixture[str]) -> None:
@@ -101,3 +93,20 @@ def test_an_outage_loses_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().out
     assert "100,000 of 100,000 samples are worked" in said
     assert "1 findings, 1 alarms raised, of 1 axes that leak" in said
+
+
+def test_a_loss_is_told_as_wrong() -> None:
+    kept = Outcome("store locked", "held", "is locked", 100, 100, 0)
+    lost = Outcome("disk full", "filled", "ok | fine", 100, 90, 7, ["10 samples were never taken"])
+    rows = troubles_text([kept, lost], ["quota reached"]).splitlines()
+    assert "| store locked | held | is locked | 100 | 100 | 0 | as it should be |" in rows
+    told = "| disk full | filled | ok \\| fine | 100 | 90 | 7 | WRONG: 10 samples were never taken |"
+    assert told in rows and "Left out: quota reached (needs root, to mount a small disk)." in rows
+
+
+def test_an_unknown_trouble_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert app(["troubles", "--only", "flood", "-o", str(tmp_path)], standalone_mode=False) == 2
+    assert "no trouble 'flood'" in capsys.readouterr().err
+    assert len({trouble.tried for trouble in TROUBLES}) == len(TROUBLES)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from fdd.unit import Unit
 from reports.__main__ import app
 from reports.thesis import control, flow, report
-from reports.thesis.report import EXPERIMENTS, Row, anchor, report_lines, section
+from reports.thesis.report import EXPERIMENTS, Row, anchor, report_text, section
 
 COMMITTED = Path(__file__).parents[2] / "reports" / "thesis.md"
 QUICK = (flow.bulk_modulus, flow.transfer_function, control.chatter_filter)
@@ -71,7 +71,7 @@ def test_text_of_made_up_findings():
     worse = Row("work", "1.3", 10.0, 30.0, "J", why="It slips.")
     said = "\n".join(report._said([good, bad, worse]))
     assert "- Does not meet, force; work: It slips." in said and "- Note, speed: A remark." in said
-    text = "\n".join(report_lines([("## First\n\nHow.", [good]), ("## Second\n\nSo.", [bad, worse])], 3))
+    text = report_text([("## First\n\nHow.", [good]), ("## Second\n\nSo.", [bad, worse])], 3)
     assert "**1 of 3 numbers meet the thesis's.**" in text and "--seed 3" in text
     assert "| speed | 1.1 | 2.00 | 2.01 | m/s | +0.5 % | meets |" in text
     assert "| force | 1.2 | 10.0 | 20.0 | N | +100.0 % | **does not meet** |" in text

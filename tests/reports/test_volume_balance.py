@@ -24,9 +24,14 @@ def exact_window(model, leakage, air, gain, n=6000):
     v2 = model.volume_2 - model.area_2 * x
     exponent = model.polytropic_index
 
+    atmosphere, of_air = 0.101325, 1e-3 * air * 0.101325 ** (1.0 / exponent)
+
     def compliance(p):
-        c = 0.101325 ** (1.0 / exponent) / (exponent * (p + 0.101325) ** (1.0 + 1.0 / exponent))
-        return model.stiff_compliance + 1e-3 * air * c
+        return model.stiff_compliance + of_air / (exponent * (p + atmosphere) ** (1.0 + 1.0 / exponent))
+
+    def compressed(p):
+        """Integral of the compliance over pressure."""
+        return model.stiff_compliance * p - of_air * (p + atmosphere) ** (-1.0 / exponent)
 
     # Chamber 1 says how far the pump turned, chamber 2's pressure follows from that.
     h = 1.0 / fine
@@ -41,8 +46,7 @@ def exact_window(model, leakage, air, gain, n=6000):
             leakage * (model.cross_port_leakage * drop + model.case_leakage * (middle1[k] - accumulator)) * h
         )
         leak2 = leakage * (-model.cross_port_leakage * drop + model.case_leakage * (p2[k] - accumulator)) * h
-        nodes = np.linspace(p2[k], middle1[k], 5)
-        denser = 0.5 * np.trapezoid(compliance(nodes), nodes)
+        denser = 0.5 * (compressed(middle1[k]) - compressed(p2[k]))
         pumped = (model.area_1 * dx[k] + leak1 + stored1[k]) / (1.0 - denser)
         angle[k + 1] = angle[k] + pumped / (model.displacement * (1.0 + gain))
         inflow = model.area_2 * dx[k] - pumped * (1.0 + denser) - leak2

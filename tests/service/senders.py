@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,8 @@ def sent(store: Store, kind: str, body: Mapping[str, Any], target: str) -> int:
 
 
 def measured(axis: str, samples: Samples) -> Event:
-    return Event("samples", axis, float(samples.time[-1]), {"samples": samples})
+    unit = SimpleNamespace(to_yaml=lambda: "name: x\n")
+    return Event("samples", axis, float(samples.time[-1]), {"samples": samples, "unit": unit})
 
 
 def finding(onset: float = 3.0, detected: float = 15.0) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from stores import postgres_url
-from watched import RECEIVED, ROWS, blocks_of, fleet_of, leaking, send, working
+from watched import RECEIVED, ROWS, blocks_of, fleet_of, leaking, made, send, working
 
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -29,8 +29,6 @@ from fdd.service.alarms import Action
 from fdd.service.backlog import Backlog
 from fdd.service.bus import Bus
 from fdd.service.fleet import Fleet
-from fdd.service.inbox import Inbox
-from fdd.service.profiles import Profiles
 from fdd.service.store import Store, StoreTrouble
 from fdd.unit import Unit
 from tests.service.senders import until
@@ -86,8 +84,8 @@ def test_live_is_what_the_pipeline_says_of_the_whole(lags: bool, store: Store, l
 def test_it_goes_on_from_its_checkpoint_and_journal(
     every: float, store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fdd.service.checkpoints.CHECKPOINT_S", every)
-    monkeypatch.setattr("fdd.service.checkpoints.CHECKPOINT_AXIS_S", 0.0)
+    monkeypatch.setattr("fdd.service.storing.CHECKPOINT_S", every)
+    monkeypatch.setattr("fdd.service.storing.CHECKPOINT_AXIS_S", 0.0)
     blocks = blocks_of(log)
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks[:252])
@@ -344,9 +342,9 @@ def test_what_waits_for_a_block_waits_over_a_restart(stops: bool, store: Store, 
 def test_it_answers_while_it_resumes(store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
     fleet, inbox, _ = fleet_of(store)
     # The first one alone: most is in the journal.
-    monkeypatch.setattr("fdd.service.checkpoints.CHECKPOINT_S", 1e9)
+    monkeypatch.setattr("fdd.service.storing.CHECKPOINT_S", 1e9)
     send(fleet, inbox, blocks_of(log.rows(0, 40_000)))
-    again = Fleet(Profiles(fallback="axis_a"), Model.load(), store, Bus(), Inbox())
+    again = made(store, Bus())
     resuming, told = threading.Thread(target=again.resume), set()
     resuming.start()
     while resuming.is_alive():
@@ -370,7 +368,7 @@ def test_a_store_that_is_away_at_the_start_is_waited_for(
         return plain(self)
 
     monkeypatch.setattr(Store, "book", failing)
-    fleet = Fleet(Profiles(), Model.load(), store, Bus(), Inbox())
+    fleet = made(store, Bus(), fallback=None)
     running = threading.Thread(target=fleet.run, args=(stop,))
     running.start()
     until(lambda: fleet.resumed >= 1.0)

@@ -13,13 +13,8 @@ import fdd
 from fdd.diagnosis.model import Model
 from fdd.logs import read_log
 from fdd.samples import PRESSURES, Samples
-from fdd.service.arrow import arrow_payload
 from fdd.service.axis import AxisWatch
-from fdd.service.blocks import Block, Decoder
-from fdd.service.bus import Bus
-from fdd.service.fleet import Fleet
-from fdd.service.inbox import Inbox
-from fdd.service.profiles import Profiles
+from fdd.service.blocks import Block, Decoder, arrow_payload
 from fdd.service.store import Store
 from fdd.unit import Unit
 
@@ -39,10 +34,10 @@ def test_a_restart_keeps_the_named_profile(
     """Names of files and of profiles may differ, and one may be called as another's file."""
     units = _files(tmp_path, rig_3="inner", inner="another", A1="inner")
     blocks = [replace(b, unit=said) for b in blocks_of(log.rows(0, 2000))]
-    fleet, inbox, _ = fleet_of(store, profiles=Profiles(units))
+    fleet, inbox, _ = fleet_of(store, units=units, fallback=None)
     send(fleet, inbox, blocks)
     fleet.keep()
-    again, _, _ = fleet_of(store, profiles=Profiles(units))
+    again, _, _ = fleet_of(store, units=units, fallback=None)
     assert again.axes()[0].unit == "inner" and again.axes()[0].samples == 2000
     assert not store.audit(), "its state was taken up again"
 
@@ -110,7 +105,7 @@ def test_strangers_of_one_message_each_leave_the_place_to_others(
     store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch, ticking: list[float]
 ) -> None:
     monkeypatch.setattr("fdd.service.fleet.MOST_AXES", 5)
-    monkeypatch.setattr("fdd.service.refused.MOST_REFUSED", 3)
+    monkeypatch.setattr("fdd.service.fleet.MOST_REFUSED", 3)
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(log.rows(0, 6000)))
     for k in range(20):
@@ -123,7 +118,7 @@ def test_strangers_of_one_message_each_leave_the_place_to_others(
 
 
 def test_what_is_refused_for_want_of_a_profile_is_counted_and_told(store: Store, log: Samples) -> None:
-    fleet, inbox, _ = fleet_of(store, profiles=Profiles({"known": "axis_a"}))
+    fleet, inbox, _ = fleet_of(store, units={"known": "axis_a"}, fallback=None)
     send(fleet, inbox, blocks_of(log, "known")[:5])
     for k in range(120):
         send(fleet, inbox, [replace(blocks_of(log)[0], axis=f"A{k}")])
@@ -137,8 +132,7 @@ def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples) -> N
     fleet, inbox, _ = fleet_of(store)
     send(fleet, inbox, blocks_of(log)[:60])
     fleet.keep()
-    other = Fleet(Profiles({"A1": "axis_b"}), Model.load(), store, Bus(), Inbox())
-    other.resume()
+    other, _, _ = fleet_of(store, units={"A1": "axis_b"})
     assert other.axes()[0].samples == 0
     assert [a["action"] for a in store.audit()] == ["STATE_DISCARDED"]
 
@@ -150,15 +144,14 @@ def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store) -> 
 
     scenario = Scenario(duration=70.0, load={"name": "spring"}, seed=9)
     healthy = simulate(Unit.load("axis_a"), scenario).samples
-    fleet, inbox, _ = fleet_of(store, learn_s=30.0)
+    fleet, inbox, _ = fleet_of(store, learn_minutes=0.5)
     send(fleet, inbox, blocks_of(healthy)[:200])
-    assert fleet.axes()[0].state == "silent" and fleet.profile_of("A1") is not None
-    assert "baseline: null" in str(fleet.profile_of("A1")) or "balances" not in str(fleet.profile_of("A1"))
+    assert fleet.axes()[0].state == "silent" and fleet._axes["A1"].unit.baseline is None
     send(fleet, inbox, blocks_of(healthy)[200:])
     fleet.keep()
-    assert "balances" in str(fleet.profile_of("A1")), "learnt"
-    again, _, _ = fleet_of(store, learn_s=30.0)
-    assert "balances" in str(again.profile_of("A1")), "and not forgotten"
+    assert fleet._axes["A1"].unit.baseline is not None, "learnt"
+    again, _, _ = fleet_of(store, learn_minutes=0.5)
+    assert again._axes["A1"].unit.to_yaml() == fleet._axes["A1"].unit.to_yaml(), "and not forgotten"
     assert not store.alarms()
 
 

@@ -20,8 +20,8 @@ from fdd.samples import Samples
 from fdd.service import config
 from fdd.service.bus import Bus, Event
 from fdd.service.outputs import delivery
-from fdd.service.outputs.delivery import LONGEST_WAIT_S, MOST_ATTEMPTS, DeliveryWorker, Outputs
-from fdd.service.outputs.targets import Undelivered, Webhook
+from fdd.service.outputs.delivery import LONGEST_WAIT_S, MOST_ATTEMPTS, Target, Undelivered
+from fdd.service.outputs.targets import Outputs, Webhook
 from fdd.service.store import OutboxMessage, Store
 from reports.service import free_port
 from tests.service.senders import finding, measured, sent, transition, until
@@ -30,7 +30,7 @@ SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 
 
 def made_of(store: Store, bus: Bus, **given: Any) -> Outputs:
-    return Outputs(config.Outputs(**given), store, bus, lambda axis: None)
+    return Outputs(config.Outputs(**given), store, bus)
 
 
 def hook(url: str, *kinds: Any, secret_file: Path | None = None) -> config.Webhook:
@@ -41,7 +41,7 @@ def test_one_that_hangs_or_is_away_holds_up_no_other(
     store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hang = threading.Event()
-    quick, slow = Webhook(QUICK).name, Webhook(SLOW).name
+    quick, slow = (Webhook(hook(url), store).name for url in (QUICK, SLOW))
 
     def deliver(self: Webhook, message: Any) -> None:
         if self.name == slow and not hang.wait(20):
@@ -159,13 +159,14 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     return made
 
 
-class Target:
+class Moody(Target):
     """Takes messages, or fails as it is told to, by the message's id."""
 
-    def __init__(self, failures: dict[int, list[Undelivered]]) -> None:
+    def __init__(self, store: Store, failures: dict[int, list[Any]]) -> None:
+        super().__init__("t", store)
         self.failures, self.taken, self.tried = failures, list[int](), list[int]()
 
-    def __call__(self, message: OutboxMessage) -> None:
+    def deliver(self, message: OutboxMessage) -> None:
         self.tried.append(message.id)
         if waiting := self.failures.get(message.id):
             raise waiting.pop(0)
@@ -179,54 +180,54 @@ def given_up(store: Store) -> list[str]:
 def test_a_failure_holds_back_what_comes_after_it(store: Store, clock: SimpleNamespace) -> None:
     first, second = (sent(store, "alarm", transition(id=id), "t") for id in (1, 2))
     sent(store, "alarm", transition(), "another target")
-    target = Target({second: [Undelivered("500")]})
-    worker = DeliveryWorker("t", store, target)
-    worker.once()
+    target = Moody(store, {second: [Undelivered("500")]})
+    target.once()
     assert target.taken == [first]
-    assert (worker.failed, worker.delivered, worker.pending, worker.last_error) == (1, 1, 1, "500")
-    worker.once()
+    counts = {"delivered": 1, "failed": 1, "given_up": 0, "pending": 1, "lost": 0}
+    assert target.status() == {**counts, "last_error": "500"}
+    target.once()
     assert target.tried == [first, second], "nothing is tried before its time"
     clock.now += 2.1
-    worker.once()
-    assert target.taken == [first, second] and worker.pending == 0 and not worker.last_error
+    target.once()
+    assert target.taken == [first, second] and target.counts["pending"] == 0 and not target.last_error
     assert store.outbox(9, "t") == [] and len(store.outbox(9, "another target")) == 1
 
 
-def attempts(store: Store, clock: SimpleNamespace, worker: DeliveryWorker, most: int) -> list[float]:
+def attempts(store: Store, clock: SimpleNamespace, target: Target, most: int) -> list[float]:
     """Times of the attempts."""
     times: list[float] = []
     while store.outbox(1, "t") and len(times) < most:
-        failed = worker.failed
-        worker.once()
-        times += [clock.now] * (worker.failed > failed)
+        failed = target.counts["failed"]
+        target.once()
+        times += [clock.now] * (target.counts["failed"] > failed)
         clock.now += 0.5 if len(times) < 6 else 50.0
     return times
 
 
 def test_waits_double_up_to_a_bound_and_an_end_that_is_audited(store: Store, clock: SimpleNamespace) -> None:
     id = sent(store, "finding", {"axis": "A1"}, "t")
-    worker = DeliveryWorker("t", store, Target({id: [Undelivered("500 no")] * MOST_ATTEMPTS}))
-    times = attempts(store, clock, worker, 10 * MOST_ATTEMPTS)
+    target = Moody(store, {id: [Undelivered("500 no")] * MOST_ATTEMPTS})
+    times = attempts(store, clock, target, 10 * MOST_ATTEMPTS)
     for k, (a, b) in enumerate(pairwise(times), 1):
         wanted = min(2.0**k, LONGEST_WAIT_S)
         assert wanted <= b - a <= wanted + 50.0 * (k > 5), "a step of the clock later at most"
-    assert worker.given_up == 1
+    assert target.counts["given_up"] == 1
     assert given_up(store) == [f"finding {id} never arrived at t ({MOST_ATTEMPTS} attempts: 500 no)"]
     again = sent(store, "finding", {"axis": "A1"}, "t")
     for _ in range(MOST_ATTEMPTS):  # counted over restarts too
-        DeliveryWorker("t", store, Target({again: [Undelivered("500")]})).once()
+        Moody(store, {again: [Undelivered("500")]}).once()
     assert len(given_up(store)) == 2
 
 
 def test_while_the_target_is_down_nothing_is_given_up(store: Store, clock: SimpleNamespace) -> None:
     id = sent(store, "finding", {"axis": "A1"}, "t")
     down = [Undelivered("refused", down=True) for _ in range(3 * MOST_ATTEMPTS)]
-    worker = DeliveryWorker("t", store, Target({id: down}))
-    assert len(attempts(store, clock, worker, 3 * MOST_ATTEMPTS)) == 3 * MOST_ATTEMPTS
-    assert worker.given_up == 0 and store.outbox(1, "t")[0].attempts == 0
+    target = Moody(store, {id: down})
+    assert len(attempts(store, clock, target, 3 * MOST_ATTEMPTS)) == 3 * MOST_ATTEMPTS
+    assert target.counts["given_up"] == 0 and store.outbox(1, "t")[0].attempts == 0
     clock.now += LONGEST_WAIT_S
-    worker.once()
-    assert store.outbox(1, "t") == [] and worker.delivered == 1
+    target.once()
+    assert store.outbox(1, "t") == [] and target.counts["delivered"] == 1
 
 
 @pytest.mark.parametrize("final", [True, False])
@@ -236,7 +237,7 @@ def test_what_will_never_arrive_is_given_up_and_the_next_goes_on(
     monkeypatch.setattr(delivery, "MOST_ATTEMPTS", 1)
     first, second = (sent(store, "alarm", transition(a), "t") for a in ("RAISED", "RETURNED"))
     error = Undelivered("400 not like this", final=True) if final else KeyError("axis")
-    target = Target({first: [error]})  # type: ignore[list-item]
-    DeliveryWorker("t", store, target).once()
+    target = Moody(store, {first: [error]})
+    target.once()
     assert target.taken == [second]
     assert ("400 not like this" if final else "KeyError: 'axis'") in given_up(store)[0]

@@ -209,7 +209,7 @@ class Rig:
     def __init__(self, folder: Path, **given: Any) -> None:
         usual = {"folder": folder, "before": 20.0, "after": 20.0, "most_bytes": 1 << 30}
         self.folder, self.bus = folder, Bus()
-        self.recorder = Recorder(Recording(**{**usual, **given}), self.bus, lambda axis: "name: x\n")
+        self.recorder = Recorder(Recording(**{**usual, **given}), self.bus)
 
     def stream(self, first: float, last: float, axis: str = "A1", block: float = 0.3) -> None:
         edges = [*np.arange(first, last, block), last]

@@ -8,14 +8,15 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from fdd.service.config import MqttOutput
 from fdd.service.outputs import targets
-from fdd.service.outputs.delivery import DeliveryWorker
-from fdd.service.outputs.targets import MqttPublisher, Undelivered
+from fdd.service.outputs.delivery import Undelivered
+from fdd.service.outputs.targets import MqttPublisher
 from fdd.service.store import Store
 from tests.service.brokers import Broker, Client, needs_mosquitto
 from tests.service.senders import finding, message, sent, transition, until
@@ -47,9 +48,12 @@ def listen(broker: Broker) -> Iterator[Callable[[], Client]]:
 def publish(broker: Broker) -> Iterator[Callable[..., MqttPublisher]]:
     made: list[MqttPublisher] = []
 
-    def publisher(standing: Any = lambda: (), **given: Any) -> MqttPublisher:
+    def publisher(
+        standing: Any = lambda: (), outbox: Any = None, settle: Any = None, **given: Any
+    ) -> MqttPublisher:
         config = MqttOutput(host="127.0.0.1", port=broker.port, prefix="plant/fdd", **given)
-        made.append(MqttPublisher(config, standing))
+        store = SimpleNamespace(alarms=lambda states: standing(), outbox=outbox, settle=settle)
+        made.append(MqttPublisher(config, store))  # type: ignore[arg-type]
         made[-1].start()
         return made[-1]
 
@@ -116,8 +120,7 @@ def test_a_broker_that_was_killed_is_told_everything_again(
     broker: Broker, publish: Any, listen: Any, version: str, store: Store
 ) -> None:
     stands = list[dict[str, Any]]()
-    publisher = publish(lambda: stands, version=version)
-    worker = DeliveryWorker("mqtt", store, publisher.deliver)
+    publisher = publish(lambda: stands, store.outbox, store.settle, version=version)
     connected(publisher)
     publisher.note("A1", {"state": "healthy"})
     publisher.tick()
@@ -125,11 +128,11 @@ def test_a_broker_that_was_killed_is_told_everything_again(
     until(lambda: not publisher.status()["connected"])
     stands.append(transition(id=1, state="ACKED")["alarm"])
     sent(store, "alarm", transition(id=3), "mqtt")
-    worker.once()
-    assert worker.failed == 1 and worker.last_error
+    publisher.once()
+    assert publisher.counts["failed"] == 1 and publisher.last_error
     broker.start()
     until(lambda: publisher.connections == 2)
-    until(lambda: publisher.tick() or worker.once() or worker.delivered)
+    until(lambda: publisher.tick() or publisher.once() or publisher.counts["delivered"])
     late = listen()
     base = "plant/fdd/axis/A1"
     until(lambda: late.of(f"{base}/alarm/3") and late.of(f"{base}/alarm/1") and late.of(f"{base}/state"))

@@ -13,13 +13,14 @@ from email.utils import formatdate
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
+from fdd.service import config
 from fdd.service.outputs import delivery, targets
-from fdd.service.outputs.delivery import DeliveryWorker
-from fdd.service.outputs.targets import JsonLines, Undelivered, Webhook
+from fdd.service.outputs.delivery import Undelivered
+from fdd.service.outputs.targets import JsonLines, Webhook
 from fdd.service.store import Store
 from reports.service import free_port
 from tests.service.senders import full_disk, message, sent, transition
@@ -80,13 +81,23 @@ def receiver() -> Iterator[Receiver]:
     server.server_close()
 
 
-def test_a_message_is_signed_and_whole(receiver: Receiver) -> None:
+def hook(url: str, store: Any = None, secret: Path | None = None) -> Webhook:
+    return Webhook(config.Webhook(url=url, secret_file=secret), store)
+
+
+@pytest.fixture
+def secret(tmp_path: Path) -> Path:
+    (tmp_path / "secret").write_bytes(SECRET)
+    return tmp_path / "secret"
+
+
+def test_a_message_is_signed_and_whole(receiver: Receiver, secret: Path) -> None:
     """And verified as the page tells receivers to do it."""
     page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
     names: dict[str, Any] = {"hmac": hmac, "hashlib": hashlib, "time": time}
     exec(page.split("```python\n")[1].split("```")[0], names)
     verified = names["verified"]
-    Webhook(f"{receiver.url}/in?to=fdd", SECRET).deliver(MESSAGE)
+    hook(f"{receiver.url}/in?to=fdd", secret=secret).deliver(MESSAGE)
     [(path, headers, body)] = receiver.came
     assert path == "/in?to=fdd"
     assert headers["Content-Type"] == "application/json"
@@ -95,26 +106,20 @@ def test_a_message_is_signed_and_whole(receiver: Receiver) -> None:
     assert not verified(headers, body + b" ", SECRET)
     assert not verified(headers, body, SECRET[:-1])
     assert not verified({**headers, "X-Fdd-Timestamp": str(int(time.time()) - 9)}, body, SECRET)
-    Webhook(receiver.url).deliver(MESSAGE)
+    hook(receiver.url).deliver(MESSAGE)
     assert not any(name.startswith("X-Fdd") for name in receiver.came[1][1]), "no secret, no signature"
 
 
-@pytest.mark.parametrize(
-    "cut",
-    [
-        b"HTTP/1.1 200 OK\r\n",
-        b"HTTP/1.1 200 OK\r\nServer: x\r\nContent-Le",
-        b"HTTP/1.1 200 OK\r\nContent-Length: 10\r\n\r\n{}",
-        b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n5\r\n{}",
-    ],
-)
-def test_an_answer_that_is_cut_is_none(receiver: Receiver, cut: bytes) -> None:
-    receiver.cut = cut
-    with pytest.raises(Undelivered) as caught:
-        Webhook(receiver.url).deliver(MESSAGE)
-    assert caught.value.down and not caught.value.final
-    receiver.cut = b"HTTP/1.1 200 OK\r\n\r\nwhatever, to the end of the connection"
-    Webhook(receiver.url).deliver(MESSAGE)
+def test_an_answer_that_is_cut_is_none(receiver: Receiver) -> None:
+    sender, ok = hook(receiver.url), b"HTTP/1.1 200 OK\r\n"
+    for cut in (b"", b"Server: x\r\nContent-Le", b"Content-Length: 10\r\n\r\n{}",
+                b"Transfer-Encoding: chunked\r\n\r\n5\r\n{}"):  # fmt: skip
+        receiver.cut = ok + cut
+        with pytest.raises(Undelivered) as caught:
+            sender.deliver(MESSAGE)
+        assert caught.value.down and not caught.value.final, cut
+    receiver.cut = ok + b"\r\nwhatever, to the end of the connection"
+    sender.deliver(MESSAGE)
 
 
 def test_it_comes_again_with_the_same_key_until_it_is_taken(
@@ -123,40 +128,38 @@ def test_it_comes_again_with_the_same_key_until_it_is_taken(
     receiver.answers = [(500, {}, b"broken"), (429, {"Retry-After": "7"}, b""), (200, {}, b"thanks")]
     now = [1000.0]
     monkeypatch.setattr(delivery, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    hook = Webhook(receiver.url, SECRET)
+    worker = hook(receiver.url, store)
     for id in (1, 2):
-        sent(store, "alarm", transition(id=id), hook.name)
-    worker = DeliveryWorker(hook.name, store, hook.deliver)
+        sent(store, "alarm", transition(id=id), worker.name)
     worker.once()
     assert "500 Internal Server Error broken" in worker.last_error
     now[0] += 2.1
     worker.once()
     now[0] += 6.5
     worker.once()
-    assert worker.failed == 2, "Retry-After is longer than the wait"
+    assert worker.counts["failed"] == 2, "Retry-After is longer than the wait"
     now[0] += 1.0
     worker.once()
-    assert worker.delivered == 2
+    assert worker.counts["delivered"] == 2
     keys = [headers["Idempotency-Key"] for _, headers, _ in receiver.came]
     assert keys[0] == keys[1] == keys[2] != keys[3]
     assert receiver.came[0][2] == receiver.came[2][2]
 
 
-@pytest.mark.parametrize(
-    ("status", "final", "down"),
-    [(400, True, False), (401, True, False), (404, True, False), (410, True, False), (408, False, False),
-     (429, False, True), (500, False, False), (502, False, False), (503, False, True),
-     *((redirect, True, False) for redirect in (301, 302, 307, 308))],
-)  # fmt: skip
-def test_final_answers_and_redirects(receiver: Receiver, status: int, final: bool, down: bool) -> None:
-    receiver.answers = [(status, {"Location": f"{receiver.url}/elsewhere"}, b"x" * 100_000)]
-    with pytest.raises(Undelivered, match=str(status)) as caught:
-        Webhook(receiver.url).deliver(MESSAGE)
-    assert (caught.value.final, caught.value.down) == (final, down) and len(str(caught.value)) <= 300
-    assert [path for path, _, _ in receiver.came] == ["/"]
+def test_final_answers_and_redirects(receiver: Receiver) -> None:
+    sender = hook(receiver.url)
+    final = dict.fromkeys((400, 401, 404, 410, 301, 302, 307, 308), (True, False))
+    later = dict.fromkeys((408, 500, 502), (False, False)) | dict.fromkeys((429, 503), (False, True))
+    for status, wanted in (final | later).items():
+        receiver.answers = [(status, {"Location": f"{receiver.url}/elsewhere"}, b"x" * 100_000)]
+        with pytest.raises(Undelivered, match=str(status)) as caught:
+            sender.deliver(MESSAGE)
+        assert (caught.value.final, caught.value.down) == wanted and len(str(caught.value)) <= 300, status
+    assert {path for path, _, _ in receiver.came} == {"/"} and len(receiver.came) == len(final | later)
 
 
 def test_retry_after_may_be_a_date(receiver: Receiver) -> None:
+    sender = hook(receiver.url)
     for text, low, high in (
         (formatdate(time.time() + 60, usegmt=True), 57.0, 61.0),
         (formatdate(time.time() - 60, usegmt=True), 0.0, 0.0),
@@ -164,7 +167,7 @@ def test_retry_after_may_be_a_date(receiver: Receiver) -> None:
     ):  # fmt: skip
         receiver.answers = [(503, {"Retry-After": text}, b"")]
         with pytest.raises(Undelivered) as caught:
-            Webhook(receiver.url).deliver(MESSAGE)
+            sender.deliver(MESSAGE)
         assert low <= caught.value.wait_s <= high, text
 
 
@@ -174,11 +177,15 @@ def test_a_silent_receiver_takes_a_bounded_time(receiver: Receiver, monkeypatch:
     for url, words in ((f"http://127.0.0.1:{free_port()}", "refused"), (receiver.url, None)):
         begun = time.monotonic()
         with pytest.raises(Undelivered, match=words) as caught:
-            Webhook(url).deliver(MESSAGE)
+            hook(url).deliver(MESSAGE)
         assert caught.value.down and not caught.value.final
     assert time.monotonic() - begun < 1.0
-    one, two = (Webhook(f"https://hooks.example.com/{path}").name for path in ("token-1", "token-2"))
+    one, two = (hook(f"https://hooks.example.com/{path}").name for path in ("token-1", "token-2"))
     assert one != two and one.startswith("webhook:hooks.example.com-") and "token" not in one + two
+
+
+def lines_of(path: Path, **more: int) -> JsonLines:
+    return JsonLines(path, cast(Store, None), **more)
 
 
 def numbers(path: Path) -> list[int]:
@@ -187,7 +194,7 @@ def numbers(path: Path) -> list[int]:
 
 def test_a_full_file_makes_room_and_one_that_others_move_away_is_begun_anew(tmp_path: Path) -> None:
     path, older = tmp_path / "events.jsonl", tmp_path / "events.jsonl.1"
-    lines = JsonLines(path, most_bytes=100)
+    lines = lines_of(path, most_bytes=100)
     for n in range(100):
         lines.append({"n": n})
     assert sorted(tmp_path.iterdir()) == [path, older]
@@ -201,7 +208,7 @@ def test_a_full_file_makes_room_and_one_that_others_move_away_is_begun_anew(tmp_
 
 def test_a_full_disk_leaves_whole_lines_and_says_so(tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
-    lines = JsonLines(path)
+    lines = lines_of(path)
     with full_disk(1105):
         told = 0
         for n in range(10):
@@ -220,7 +227,7 @@ def test_all_is_synced_and_statuses_are_thinned(tmp_path: Path, monkeypatch: pyt
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_size))
     path = tmp_path / "events.jsonl"
-    lines = JsonLines(path)
+    lines = lines_of(path)
     for value in (1.0, float("nan")):
         lines.note("A1", {"value": value})
     lines.deliver(message("alarm", transition(), id=3))

@@ -20,7 +20,6 @@ from fdd.service.blocks import encode_arrow
 from fdd.service.config import Serve
 from fdd.service.service import Service
 from fdd.service.store import Store
-from fdd.service.watch import Share
 
 ray = pytest.importorskip("ray", reason="no ray here: install fdd[ray]")
 pytestmark = [needs_mosquitto, pytest.mark.slow]
@@ -125,9 +124,3 @@ def shard_node(service: Service, number: int) -> str:
     actor = service.fleet._actors[number]  # type: ignore[union-attr]
     node = lambda shard: ray.get_runtime_context().get_node_id()  # noqa: E731
     return str(ray.get(actor.__ray_call__.remote(node)))
-
-
-def test_shares_have_each_axis_once() -> None:
-    shares = [Share(k, 5) for k in range(5)]
-    for axis in (f"line_{a}/A{b}" for a in range(20) for b in range(20)):
-        assert sum(share.has(axis) for share in shares) == 1

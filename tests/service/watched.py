@@ -9,18 +9,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fdd.diagnosis.model import Model
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.bus import Bus
+from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
 from fdd.service.inbox import Inbox
-from fdd.service.profiles import Profiles
 from fdd.service.store import Store
 from fdd.unit import Unit
 
@@ -43,13 +43,20 @@ def blocks_of(samples: Samples, axis: str = "A1") -> list[Block]:
     ]
 
 
-def fleet_of(store: Store, model: Model | None = None, **more: object) -> tuple[Fleet, Inbox, Bus]:
-    """A fleet of shipped axes that has gone on from its store."""
-    bus, inbox = Bus(), Inbox(most_seconds=1e9)
-    given = {"profiles": Profiles(fallback="axis_a"), "clock": lambda: RECEIVED + 1e4, "zone": "UTC"} | more
-    fleet = Fleet(model=model or Model.load(), store=store, bus=bus, inbox=inbox, **given)  # type: ignore[arg-type]
+def made(
+    store: Store, bus: Bus, clock: Any = lambda: RECEIVED + 1e4, targets: Any = None, **more: Any
+) -> Fleet:
+    """A fleet of shipped axes, with keys of serve.yaml."""
+    plain = "schema: fdd.serve/1\nfallback: axis_a\nzone: UTC\nsources: [{type: udp, port: 0}]"
+    config = Serve.from_yaml(f"{plain}\nlimits: {{inbox_seconds: 86400}}").model_copy(update=more)
+    return Fleet(config, store, bus, targets, clock=clock)
+
+
+def fleet_of(store: Store, **more: Any) -> tuple[Fleet, Inbox, Bus]:
+    """The same, once it has gone on from its store."""
+    fleet = made(store, bus := Bus(), **more)
     fleet.resume()
-    return fleet, inbox, bus
+    return fleet, fleet.inbox, bus
 
 
 def send(fleet: Fleet, inbox: Inbox, blocks: list[Block]) -> None:

@@ -1,20 +1,22 @@
-"""The API: what each address answers, and which role it asks for."""
+"""The API: what each address answers, which role it asks for, and its server-sent events."""
 
+import asyncio
 import threading
 import time
-from collections.abc import AsyncIterable
+from collections.abc import AsyncIterable, AsyncIterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import orjson
 from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import BaseModel, ConfigDict, Field
 
 import fdd
+from fdd.bounds import MOST_LISTENERS
 from fdd.errors import InputError
 from fdd.service.alarms import LONGEST_SHELF_S, STANDING, STATES, Action, Alarm
-from fdd.service.bus import Subscription
-from fdd.service.http.events import Hub
+from fdd.service.bus import Bus, Subscription
 from fdd.service.http.tokens import LOCAL, Caller, Role
 from fdd.service.life import Each, sentence_of
 from fdd.service.status import AxisDetail, AxisStatus
@@ -27,6 +29,12 @@ COOKIE, COOKIE_S = "fdd_token", 12 * 3600
 """The page's; it ends after a working shift."""
 REACH_S: dict[Each, float] = {"minute": 86400.0, "hour": 30 * 86400.0, "day": 3650 * 86400.0}
 """How far a trend goes back where the request does not say."""
+KEPT = 1000
+"""Events that a listener may be behind; one that is farther behind is told to read everything anew."""
+LOOK_S = 0.2
+LONGEST_S = 3600.0
+"""Then a listener connects anew, and who it is is asked again."""
+RESET = ServerSentEvent(event="reset", data={"kind": "reset"})
 _bearer, _cookie = HTTPBearer(auto_error=False), APIKeyCookie(name=COOKIE, auto_error=False)
 Header = Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
 Cookie = Annotated[str | None, Depends(_cookie)]
@@ -112,6 +120,47 @@ class Shelf(Note):
     """Body of a shelving. `minutes` : how long, a week at most."""
 
     minutes: float = Field(gt=0, le=LONGEST_SHELF_S / 60.0)
+
+
+class Hub:
+    """Tells a bounded number of listeners what the bus tells, until `stop` is set.
+
+    One that falls behind, or that comes back after its connection was lost, is told ``reset``.
+    """
+
+    def __init__(self, bus: Bus, stop: threading.Event) -> None:
+        self._bus, self._stop, self._listeners = bus, stop, 0
+
+    async def listener(self) -> AsyncIterator[Subscription]:
+        """What a listener hears while its request lasts. Raises HTTPException: 503, there are too many."""
+        if self._listeners >= MOST_LISTENERS:
+            raise HTTPException(503, "too many listeners; close a page", {"retry-after": "30"})
+        # Counted from here on: of many that ask at once none has begun to read.
+        heard = self._bus.subscribe(most=KEPT)
+        self._listeners += 1
+        try:
+            yield heard
+        finally:
+            self._listeners -= 1
+            heard.close()
+
+    async def told(self, heard: Subscription, again: bool) -> AsyncIterator[ServerSentEvent]:
+        """What a listener is sent; `again`: it listened before, and may have missed something."""
+        end, lost, number = time.monotonic() + LONGEST_S, 0, 0
+        yield ServerSentEvent(comment="connected", retry=2000)
+        if again:
+            yield RESET
+        while time.monotonic() < end and not self._stop.is_set():
+            if heard.lost > lost:
+                lost = heard.lost
+                yield RESET
+            elif (event := heard.get()) is not None:
+                number += 1
+                # JSON holds no line break, so that nothing in a name or note can begin a field of the stream.
+                data = orjson.dumps(event, default=str, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+                yield ServerSentEvent(raw_data=data, id=str(number))
+            else:
+                await asyncio.sleep(LOOK_S)
 
 
 def router(service: "Service", stop: threading.Event) -> APIRouter:

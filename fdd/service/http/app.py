@@ -47,7 +47,7 @@ HEADERS = {
 }
 
 
-def web(service: Service, stop: threading.Event) -> Guard:
+def web(service: Service, stop: threading.Event) -> ASGIApp:
     """The service as an ASGI application; `stop` ends its events."""
     app = FastAPI(
         title="fdd serve", version=fdd.__version__, docs_url=None, redoc_url=None, strict_content_type=False
@@ -67,21 +67,28 @@ def web(service: Service, stop: threading.Event) -> Guard:
 
     @app.get("/page/words.js", include_in_schema=False)
     def spoken() -> Response:
-        text = b"export default " + bytes(JSONResponse(_words()).body) + b";\n"
+        # The product's words: what faults, families, balances and quantities are called.
+        words = {
+            "faults": {name: fault.title for name, fault in CATALOGUE.items()},
+            "families": FAMILY_TITLES,
+            "balances": {name: balance.title for name, balance in BALANCES.items()},
+            "quantities": {
+                name: {"title": title, "unit": unit, "scale": DISPLAY_SCALE[name]}
+                for name, (_, unit, title) in ESTIMATED.items()
+            },
+        }
+        text = b"export default " + bytes(JSONResponse(words).body) + b";\n"
         return Response(text, media_type="text/javascript")
 
     app.mount("/page", StaticFiles(directory=str(PAGE)))
-    return Guard(app)
+    return guarded(app)
 
 
-class Guard:
+def guarded(app: ASGIApp) -> ASGIApp:
     """The outermost layer: headers for browsers, no requests of other sites' pages, bounded bodies."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Guard one request; the server has neither sockets of the web nor a lifespan to tell of."""
+    async def guard(scope: Scope, receive: Receive, send: Send) -> None:
+        # The server has neither sockets of the web nor a lifespan to tell of.
         came = 0
 
         async def bounded() -> Message:
@@ -104,7 +111,9 @@ class Guard:
             refusal = _problem(403, f"not sent by this page; give a token, or the header {MARK}: 1")
             await refusal(scope, receive, with_headers)
         else:
-            await self.app(scope, bounded, with_headers)
+            await app(scope, bounded, with_headers)
+
+    return guard
 
 
 def _problem(status: int, text: str, headers: Mapping[str, str] | None = None) -> Response:
@@ -124,19 +133,6 @@ ANSWERS: dict[type[Exception], Callable[[Any], Response]] = {
 """How what an address raises is told."""
 
 
-def _words() -> Mapping[str, Any]:
-    """The product's words for the page: what faults, families, balances and quantities are called."""
-    return {
-        "faults": {name: fault.title for name, fault in CATALOGUE.items()},
-        "families": FAMILY_TITLES,
-        "balances": {name: balance.title for name, balance in BALANCES.items()},
-        "quantities": {
-            name: {"title": title, "unit": unit, "scale": DISPLAY_SCALE[name]}
-            for name, (_, unit, title) in ESTIMATED.items()
-        },
-    }
-
-
 class Server:
     """uvicorn on a socket of its own.
 
@@ -148,9 +144,7 @@ class Server:
     ----------
     address : what a browser opens.
 
-    Raises
-    ------
-    InputError : the port is taken.
+    Raises InputError: the port is taken.
     """
 
     def __init__(self, service: Service) -> None:
@@ -170,13 +164,9 @@ class Server:
         host, port = self._socket.getsockname()[:2]
         shown = f"[{host}]" if ":" in host else host
         self.address = f"{'http' if tls is None else 'https'}://{shown}:{port}/"
-        self._thread = threading.Thread(
-            target=self._server.run, args=([self._socket],), name="http", daemon=True
-        )
-
-    def start(self) -> None:
-        """Serve, in a thread of its own."""
-        self._thread.start()
+        run = self._server.run
+        self._thread = threading.Thread(target=run, args=([self._socket],), name="http", daemon=True)
+        self.start = self._thread.start
 
     def stop(self, timeout: float = 20.0) -> bool:
         """End it; whether it has within so many seconds."""

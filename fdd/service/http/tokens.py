@@ -47,7 +47,7 @@ class Tokens:
     """The known tokens, of which only hashes are kept."""
 
     def __init__(self, known: Sequence[tuple[bytes, Caller]]) -> None:
-        self._known = tuple(known)
+        self._known = known
 
     @classmethod
     def load(cls, path: Path) -> Tokens:

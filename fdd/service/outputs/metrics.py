@@ -19,7 +19,7 @@ from fdd.service.alarms import STANDING
 from fdd.service.status import AxisState, AxisStatus
 
 if TYPE_CHECKING:
-    from fdd.service.outputs.delivery import Outputs
+    from fdd.service.outputs.targets import Outputs
     from fdd.service.shards import Shards
     from fdd.service.store import Store
     from fdd.service.watch import Watch

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import threading
 import time
@@ -24,6 +25,7 @@ from fdd.samples import Samples
 from fdd.service.bus import Bus, Event
 from fdd.service.config import Recording
 from fdd.service.status import FRESH_S
+from fdd.unit import Unit
 
 OURS = re.compile(r".+_\d{8}T\d{6}Z_\w+\.mcap")
 """Only files with such a name are ever removed."""
@@ -41,31 +43,27 @@ BEGINS = ("RAISED", "RERAISED")
 
 
 @dataclass
-class _Running:
-    """A recording that runs, from `start` to `until`, s of the stream's clock; with `offset` Unix seconds."""
-
-    path: Path
-    start: float
-    offset: float
-    until: float = 0.0
-    alarms: list[dict[str, Any]] = field(default_factory=list)
-
-
-@dataclass
 class _Axis:
-    """One axis's latest samples and statuses; while a recording runs, all since its start.
+    """One axis's latest samples and statuses; while a recording runs (at `path`), all since its `start`.
 
     Attributes
     ----------
-    offset : s to add to the stream's stamps for Unix seconds. heard : monotonic s of the last block.
+    unit : its profile. offset : s to add to the stream's stamps for Unix seconds.
+    heard : monotonic s of the last block.
+    size : bytes of the samples. start, until : s of the stream's clock. wall : Unix seconds of its 0.
     """
 
+    unit: Unit = field(init=False)
     offset: float = 0.0
     heard: float = 0.0
     size: int = 0
     ring: deque[Samples] = field(default_factory=deque)
     statuses: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=MOST_STATUSES))
-    running: _Running | None = None
+    path: Path | None = None
+    start: float = math.inf
+    until: float = math.inf
+    wall: float = 0.0
+    alarms: list[dict[str, Any]] = field(default_factory=list)
 
 
 class Recorder:
@@ -74,15 +72,13 @@ class Recorder:
     Parameters
     ----------
     config : folder (made where it is missing), s before and after an alarm, most bytes in the folder.
-    bus : of samples, alarms and statuses. profile_of : an axis's unit profile (YAML) for the file, or None.
+    bus : of samples, alarms and statuses.
 
-    Raises
-    ------
-    InputError : the folder cannot be written.
+    Raises InputError: the folder cannot be written.
     """
 
-    def __init__(self, config: Recording, bus: Bus, profile_of: Callable[[str], str | None]) -> None:
-        self._config, self._profile_of = config, profile_of
+    def __init__(self, config: Recording, bus: Bus) -> None:
+        self._config = config
         require_writable(config.folder, folder=True)
         with written(config.folder):
             config.folder.mkdir(parents=True, exist_ok=True)
@@ -92,7 +88,7 @@ class Recorder:
 
     def status(self) -> dict[str, Any]:
         """Files written, recordings that run, blocks lost, the last error."""
-        running = sum(a.running is not None for a in list(self._axes.values()))
+        running = sum(a.path is not None for a in list(self._axes.values()))
         lost = self._events.lost
         return {"files": self.files, "running": running, "lost_blocks": lost, "last_error": self.last_error}
 
@@ -113,6 +109,7 @@ class Recorder:
         while event := self._events.get():
             if event.kind == "samples":
                 self._take(event.axis, event.data["samples"])
+                self._axes[event.axis].unit = event.data["unit"]
             elif (axis := self._axes.get(event.axis)) is None:
                 continue
             elif event.kind == "alarm":
@@ -121,9 +118,8 @@ class Recorder:
                 axis.statuses.append({**event.data, "time": event.time})
         now = time.monotonic()
         for name, axis in self._axes.items():
-            run = axis.running
             silent = now - axis.heard > self._config.after
-            if run and (silent or axis.ring[-1].time[-1] >= run.until or axis.size > MOST_BYTES):
+            if silent or axis.ring[-1].time[-1] >= axis.until or axis.size > MOST_BYTES:
                 self._end(name, axis)
 
     def _take(self, name: str, samples: Samples) -> None:
@@ -139,47 +135,46 @@ class Recorder:
         axis.offset = 0.0 if abs(lag) < FRESH_S else lag
         axis.ring.append(samples)
         axis.size += _bytes(samples)
-        oldest = last - self._config.before - LATE_S
-        if axis.running:
-            oldest = min(oldest, axis.running.start)
-        while len(axis.ring) > 1 and (
-            axis.ring[0].time[-1] < oldest or (not axis.running and axis.size > MOST_BYTES)
-        ):
+        oldest = min(last - self._config.before - LATE_S, axis.start)
+        too_large = axis.path is None and axis.size > MOST_BYTES
+        while len(axis.ring) > 1 and (axis.ring[0].time[-1] < oldest or too_large):
             axis.size -= _bytes(axis.ring.popleft())
+            too_large = axis.path is None and axis.size > MOST_BYTES
         while axis.statuses and axis.statuses[0]["time"] < oldest:
             axis.statuses.popleft()
 
     def _alarmed(self, axis: _Axis, event: Event) -> None:
         if event.data["action"] in BEGINS:
-            if axis.running is None:
+            if axis.path is None:
                 name = name_of(event.axis, event.time + axis.offset, event.data["alarm"]["id"])
-                start = event.time - self._config.before
-                axis.running = _Running(self._config.folder / name, start, axis.offset)
-            axis.running.until = min(event.time + self._config.after, axis.running.start + LONGEST_S)
-        if axis.running:
-            axis.running.alarms.append({**event.data, "time": event.time})
+                axis.path, axis.wall = self._config.folder / name, axis.offset
+                axis.start = event.time - self._config.before
+            axis.until = min(event.time + self._config.after, axis.start + LONGEST_S)
+        if axis.path is not None:
+            axis.alarms.append({**event.data, "time": event.time})
 
     def _end(self, name: str, axis: _Axis) -> None:
         """Write the recording that runs; its time begins at 0 with its first sample."""
-        run, axis.running = axis.running, None
-        if run is None:
+        path, alarms, first = axis.path, axis.alarms, axis.start
+        axis.path, axis.alarms, axis.start, axis.until = None, [], math.inf, math.inf
+        if path is None:
             return
         samples = Samples.concatenate(list(axis.ring))
-        samples = samples.rows(int(samples.time.searchsorted(run.start)), len(samples))
+        samples = samples.rows(int(samples.time.searchsorted(first)), len(samples))
         if not len(samples):
             return
         start = float(samples.time[0])
-        wall = max(0.0, start + run.offset)
-        faults = _faults(run.alarms, start, wall)
-        answer = {"schema": "fdd.recording/1", "axis": name, "faults": faults, "alarms": run.alarms}
+        wall = max(0.0, start + axis.wall)
+        faults = _faults(alarms, start, wall)
+        answer = {"schema": "fdd.recording/1", "axis": name, "faults": faults, "alarms": alarms}
         statuses = [s for s in axis.statuses if s["time"] >= start]
         try:
             write_annotated(
-                run.path, Samples(samples.time - start, samples.columns), _trajectories(statuses, start),
-                json.dumps(answer), axis=plain(name), unit_yaml=self._profile_of(name),
+                path, Samples(samples.time - start, samples.columns), _trajectories(statuses, start),
+                json.dumps(answer), axis=plain(name), unit_yaml=axis.unit.to_yaml(),
                 start_ns=round(wall * 1e9),
             )  # fmt: skip
-            keep_within(self._config.folder, self._config.most_bytes, newest=run.path)
+            keep_within(self._config.folder, self._config.most_bytes, newest=path)
         except (InputError, OSError) as error:
             self.last_error = str(error)
         else:
@@ -191,13 +186,7 @@ def _bytes(samples: Samples) -> int:
 
 
 def name_of(axis: str, wall: float, alarm: object) -> str:
-    """A recording's name.
-
-    Examples
-    --------
-    >>> name_of("hall/A1", 0.0, 7)
-    'hall_A1_19700101T000000Z_7.mcap'
-    """
+    """A recording's name, as in ``hall_A1_19700101T000000Z_7.mcap``."""
     stamp = datetime.fromtimestamp(max(wall, 0.0), UTC).strftime("%Y%m%dT%H%M%SZ")
     return f"{plain(axis)}_{stamp}_{re.sub('[^A-Za-z0-9]', '', str(alarm))[:40]}.mcap"
 
@@ -250,11 +239,10 @@ def keep_within(folder: Path, most_bytes: int, newest: Path) -> None:
     for path in folder.iterdir():
         with suppress(OSError):
             if OURS.fullmatch(path.name):
-                about = path.stat()
-                files.append((about.st_mtime_ns, about.st_size, path))
-    size = sum(bytes_ for _, bytes_, _ in files)
-    for _, bytes_, path in sorted(files):
-        if size > most_bytes and path != newest:
+                files.append((path.stat().st_mtime_ns, path.stat().st_size, path))
+    over = sum(size for _, size, _ in files) - most_bytes
+    for _, size, path in sorted(files):
+        if over > 0 and path != newest:
             with suppress(OSError):
                 path.unlink()
-                size -= bytes_
+                over -= size

@@ -1,4 +1,4 @@
-"""Where messages go: webhooks, an MQTT broker, JSON lines in a file; each delivers one, or says why not."""
+"""Where messages go: webhooks, an MQTT broker, JSON lines in a file; and all of them together."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import hmac
 import os
 import re
 import ssl
+import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from email.utils import parsedate_to_datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -21,15 +23,19 @@ from paho.mqtt.client import MQTTMessageInfo
 
 from fdd import __version__
 from fdd.files import require_writable
-from fdd.service.config import MqttOutput
-from fdd.service.store import OutboxMessage
+from fdd.service import config
+from fdd.service.alarms import STANDING
+from fdd.service.bus import Bus
+from fdd.service.config_sources import read_secret
+from fdd.service.outputs.delivery import KINDS, Target, Undelivered
+from fdd.service.outputs.recorder import Recorder
+from fdd.service.store import OutboxMessage, Store
+from fdd.service.storing import Targets
 
 TIMEOUT_S = 5.0
 """For each answer of the network, a broker's acknowledgement too."""
 MOST_ANSWER_BYTES = 1024
 """Of an answer's body, for the log; the rest is not read."""
-LONGEST_ASKED_S = 86400.0
-"""Of what a target may ask for by Retry-After."""
 MOST_BYTES = 64 << 20
 """Of a file of lines; a full one becomes FILE.1, in place of the one before."""
 STATUS_EVERY_S = 60.0
@@ -38,37 +44,20 @@ EVERY_S = 5.0
 MOST_QUEUED = 1000
 
 
-class Undelivered(Exception):
-    """A message did not arrive.
+class Webhook(Target):
+    """POSTs to an http or https address; what is signed goes nowhere else, as redirects are not followed.
 
-    Parameters
-    ----------
-    problem : one line. wait_s : s that the target asks for, before which nothing is tried again.
-    final : it never will arrive. down : the target takes nothing now.
+    Its name is the host and the first characters of the URL's SHA-256, as a URL may hold secrets.
+
+    Raises InputError: the file of its secret cannot be read.
     """
 
-    def __init__(self, problem: str, *, wait_s: float = 0.0, final: bool = False, down: bool = False) -> None:
-        super().__init__(" ".join(problem.split())[:300])
-        self.wait_s, self.final, self.down = min(wait_s, LONGEST_ASKED_S), final, down
-
-
-class Webhook:
-    """One receiver of POSTs.
-
-    Parameters
-    ----------
-    url : http or https; redirects are not followed, so that what is signed goes nowhere else.
-    secret : key of the signature; None leaves it out.
-
-    Attributes
-    ----------
-    name : target in the outbox: host and first characters of the URL's SHA-256, as a URL may hold secrets.
-    """
-
-    def __init__(self, url: str, secret: bytes | None = None) -> None:
-        self._url, self._secret = url, secret
+    def __init__(self, hook: config.Webhook, store: Store) -> None:
+        self._url, self.kinds = hook.url, hook.kinds
+        self._secret = None if hook.secret_file is None else read_secret(hook.secret_file).encode()
         self._tls = ssl.create_default_context()  # with the system's authorities
-        self.name = f"webhook:{urlsplit(url).hostname}-{hashlib.sha256(url.encode()).hexdigest()[:8]}"
+        sha256 = hashlib.sha256(hook.url.encode()).hexdigest()
+        super().__init__(f"webhook:{urlsplit(hook.url).hostname}-{sha256[:8]}", store)
 
     def deliver(self, message: OutboxMessage) -> None:
         """POST a message, the same bytes at every attempt.
@@ -123,21 +112,16 @@ def _asked(text: str) -> float:
         return 0.0
 
 
-class JsonLines:
+class JsonLines(Target):
     """A file that lines are appended to; it is opened for each, so that log rotators may move it.
 
-    Raises
-    ------
-    InputError : no such folder, no permission, or no file.
-
-    Examples
-    --------
-    >>> JsonLines(Path("events.jsonl")).append({"kind": "status", "axis": "A1"})
-    >>> Path("events.jsonl").read_text()
-    '{"kind":"status","axis":"A1"}\\n'
+    Raises InputError: no such folder, no permission, or no file.
     """
 
-    def __init__(self, path: Path, most_bytes: int = MOST_BYTES) -> None:
+    is_live = True
+
+    def __init__(self, path: Path, store: Store, most_bytes: int = MOST_BYTES) -> None:
+        super().__init__("jsonl", store)
         self._path, self._most_bytes = path, most_bytes
         require_writable(path)
         self._noted: dict[str, float] = {}
@@ -173,36 +157,39 @@ class JsonLines:
             self.append({"kind": "status", "axis": axis, "data": dict(state)})
 
 
-class MqttPublisher:
+class MqttPublisher(Target):
     """A client of one broker; paho's own thread keeps it connected.
 
     Topics: ``PREFIX/status``, ``PREFIX/axis/NAME/state`` and ``PREFIX/axis/NAME/alarm/ID`` are retained,
-    ``PREFIX/axis/NAME/finding`` is not. All by QoS 1.
+    ``PREFIX/axis/NAME/finding`` is not. All by QoS 1. A broker that forgot is told all that stands.
 
-    Parameters
-    ----------
-    config : broker and prefix. standing : gives the alarms that stand now, for a broker that forgot them.
-
-    Raises
-    ------
-    InputError : a secret or certificate that cannot be read.
+    Raises InputError: a secret or certificate that cannot be read.
     """
 
-    def __init__(self, config: MqttOutput, standing: Callable[[], Sequence[Mapping[str, Any]]]) -> None:
-        self._config, self._standing = config, standing
+    is_live = True
+
+    def __init__(self, settings: config.MqttOutput, store: Store) -> None:
+        super().__init__("mqtt", store)
+        self._config = settings
         self._states: dict[str, bytes] = {}
         self._sent: dict[str, tuple[float, bytes]] = {}
         self._refreshed = self.connections = 0
-        self.last_error = ""
-        self._client = client = config.client(config.client_id or "")
-        client.will_set(f"{config.prefix}/status", b"offline", qos=1, retain=True)
+        self.link_error = ""
+        self._client = client = settings.client(settings.client_id or "")
+        client.will_set(f"{settings.prefix}/status", b"offline", qos=1, retain=True)
         client.max_queued_messages_set(MOST_QUEUED)
         client.reconnect_delay_set(1, 60)
         client.on_connect, client.on_disconnect = self._connected, self._disconnected
+        client.connect_async(settings.host, settings.chosen_port, settings.keepalive)
+
+    def run(self, bus: Bus, stop: threading.Event) -> None:
+        """Connect, and deliver what comes until `stop` is set."""
+        self.start()
+        super().run(bus, stop)
+        self.stop()
 
     def start(self) -> None:
         """Connect, now or as soon as the broker is there."""
-        self._client.connect_async(self._config.host, self._config.chosen_port, self._config.keepalive)
         self._client.loop_start()
 
     def stop(self) -> None:
@@ -213,9 +200,9 @@ class MqttPublisher:
         self._client.loop_stop()
 
     def status(self) -> dict[str, Any]:
-        """How the connection stands."""
-        told = {"connected": self._client.is_connected(), "connections": self.connections}
-        return {**told, "link_error": self.last_error}
+        """Counts, and how the connection stands."""
+        link = {"connected": self._client.is_connected(), "connections": self.connections}
+        return {**super().status(), **link, "link_error": self.link_error}
 
     def deliver(self, message: OutboxMessage) -> None:
         """Send an alarm's transition or a finding, and wait until the broker has it.
@@ -223,7 +210,7 @@ class MqttPublisher:
         Raises Undelivered: no connection, or no acknowledgement.
         """
         if not self._client.is_connected():
-            raise Undelivered(self.last_error or "not connected", down=True)
+            raise Undelivered(self.link_error or "not connected", down=True)
         if message.kind == "alarm":
             info = self._alarm(message.body["alarm"])
         else:
@@ -242,7 +229,7 @@ class MqttPublisher:
             return
         connection = self.connections
         if self._refreshed != connection:
-            for alarm in self._standing():
+            for alarm in self._store.alarms(STANDING):
                 self._alarm(alarm)
             self._sent.clear()
             self._refreshed = connection
@@ -263,15 +250,15 @@ class MqttPublisher:
 
     def _connected(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
         if reason.is_failure:
-            self.last_error = f"the broker refuses the connection: {reason}"
+            self.link_error = f"the broker refuses the connection: {reason}"
         else:
-            self.connections, self.last_error = self.connections + 1, ""
+            self.connections, self.link_error = self.connections + 1, ""
             self._publish("status", b"online")
 
     def _disconnected(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
         # After a refusal its reason says more than that the link went.
-        if reason.is_failure and not self.last_error:
-            self.last_error = f"disconnected: {reason}"
+        if reason.is_failure and not self.link_error:
+            self.link_error = f"disconnected: {reason}"
 
 
 def _is_acknowledged(info: MQTTMessageInfo, seconds: float) -> bool:
@@ -279,3 +266,54 @@ def _is_acknowledged(info: MQTTMessageInfo, seconds: float) -> bool:
         info.wait_for_publish(seconds)
         return info.is_published()
     return False
+
+
+class Outputs:
+    """Everything that tells the outside what the fleet found.
+
+    Parameters
+    ----------
+    settings : `outputs` of the configuration. store : its outbox holds what must arrive.
+    bus : of what may be lost.
+
+    Raises InputError: settings that cannot work: a secret file, a folder, a port.
+    """
+
+    def __init__(self, settings: config.Outputs, store: Store, bus: Bus) -> None:
+        made: list[Target] = [] if settings.mqtt is None else [MqttPublisher(settings.mqtt, store)]
+        made += [] if settings.jsonl is None else [JsonLines(settings.jsonl, store)]
+        made += [Webhook(hook, store) for hook in reversed(settings.webhooks)]
+        self._bus, self._threads = bus, list[threading.Thread]()
+        self._targets = {target.name: target for target in made}
+        kept = settings.recording
+        self._recorder = None if kept is None else Recorder(kept, bus)
+
+    @property
+    def targets(self) -> Targets:
+        """Whom an event is sent to; webhooks hear nothing of what a chattering alarm does."""
+        known = self._targets.values()
+        return {
+            (kind, notify): [t.name for t in known if kind in t.kinds and (notify or t.is_live)]
+            for kind in KINDS
+            for notify in (True, False)
+        }
+
+    def start(self, stop: threading.Event) -> None:
+        """Begin, in threads of their own that end soon after `stop`."""
+        work = [partial(target.run, self._bus, stop) for target in self._targets.values()]
+        if self._recorder is not None:
+            work.append(partial(self._recorder.run, stop))
+        self._threads = [threading.Thread(target=run, daemon=True) for run in work]
+        for thread in self._threads:
+            thread.start()
+
+    def join(self, timeout: float = 20.0) -> None:
+        """Wait until all have ended, at most so many seconds; what was not delivered stays in the outbox."""
+        until = time.monotonic() + timeout
+        for thread in self._threads:
+            thread.join(max(0.0, until - time.monotonic()))
+
+    def status(self) -> dict[str, dict[str, Any]]:
+        """Of each target delivered, failed, given_up, pending, lost, last_error; of the recorder its own."""
+        told = {name: target.status() for name, target in self._targets.items()}
+        return told if self._recorder is None else told | {"recording": self._recorder.status()}

@@ -16,12 +16,9 @@ import numpy as np
 
 from fdd.bounds import MAX_LINE_BYTES, MOST_AXES, MOST_PENDING
 from fdd.errors import InputError
-from fdd.logs.channel_map import ChannelMap
 from fdd.monitor.lines import split_lines
-from fdd.monitor.mapping import all_numbers, channels_in_si, column_of_rows
 from fdd.samples import Samples
-from fdd.service.arrow import ARROW_START
-from fdd.service.blocks import Block, Decoder, axis_name, json_object
+from fdd.service.blocks import ARROW_START, Block, Decoder, axis_name, json_object
 from fdd.service.config_sources import StdinSource, TcpSource, UdpSource, bound_socket
 from fdd.service.sources.source import Source, Window
 
@@ -39,9 +36,10 @@ Config = TypeVar("Config", bound=TcpSource | UdpSource | StdinSource)
 class Listener(Source[Config]):
     """A source of messages, each a block or a sample ``{"axis": "A1", "time": 0, "position": 0}``."""
 
-    def __init__(self, config: Config, channel_map: ChannelMap | None) -> None:
-        super().__init__(config, channel_map)
-        self.axis, self.decoder = config.axis, Decoder(channel_map)
+    def __init__(self, config: Config, has: Callable[[str], bool] = lambda axis: True) -> None:
+        super().__init__(config, has)
+        self.axis, self.decoder = config.axis, Decoder(self._map)
+        self._open = set[socket.socket]()
 
     def _bound(self, config: TcpSource | UdpSource, kind: socket.SocketKind) -> socket.socket:
         where = f"{config.type} {config.host}:{config.port}"
@@ -122,7 +120,7 @@ class _Feed:
 
     def _gather(self, sample: dict[str, Any]) -> None:
         axis = axis_name(sample.get("axis", self._source.axis))
-        if not all_numbers(sample, self._source.decoder.keys):
+        if not self._source.decoder.map.are_numbers(sample):
             problem = f"axis {axis}: a sample with something else than numbers"
             raise InputError(problem, mend="send null for none")
         if axis not in self._rows and len(self._rows) >= MOST_AXES:
@@ -153,7 +151,7 @@ class _Feed:
         """As one block, or several where stamps go back: the axis's order sees to these."""
         source = self._source
         with np.errstate(over="ignore"):
-            columns = channels_in_si(source.decoder.sources, lambda key: column_of_rows(rows, key))
+            columns = source.decoder.map.of_rows(rows)
         stamps = columns.pop("time", np.full(len(rows), np.nan))
         stamped = np.isfinite(stamps)
         for _ in range(int((~stamped).sum())):
@@ -175,10 +173,6 @@ class _Feed:
 
 class TcpLines(Listener[TcpSource]):
     """A TCP port that takes JSON lines; a sender that is too fast is made to wait."""
-
-    def __init__(self, config: TcpSource, channel_map: ChannelMap | None) -> None:
-        super().__init__(config, channel_map)
-        self._open: set[socket.socket] = set()
 
     def status(self) -> dict[str, Any]:
         """How it stands; `connections` are those that are open now."""

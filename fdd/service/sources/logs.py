@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,10 +15,9 @@ from fdd.bounds import MAX_DONE_BYTES
 from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text
-from fdd.logs import ChannelMap, read_log
+from fdd.logs import read_log
 from fdd.logs.quality import nominal_period
-from fdd.monitor.clock import WallClock
-from fdd.monitor.sources import Replay
+from fdd.monitor.sources import Replay, WallClock
 from fdd.samples import Samples
 from fdd.service.blocks import axis_name
 from fdd.service.config_sources import FolderSource, ReplaySource
@@ -69,8 +69,8 @@ class Folder(Source[FolderSource]):
     goes on where it was. A log with a date keeps it (seconds since 1970), else its times start at 0.
     """
 
-    def __init__(self, config: FolderSource, channel_map: ChannelMap | None) -> None:
-        super().__init__(config, channel_map)
+    def __init__(self, config: FolderSource, has: Callable[[str], bool] = lambda axis: True) -> None:
+        super().__init__(config, has)
         self._folder, self._note_path, self._note = config.folder, config.folder / NOTE, _Note()
         # Size and time of change of files that are not known to be whole, and since when (s).
         self._seen: dict[Path, tuple[int, int, float]] = {}
@@ -191,9 +191,7 @@ class Folder(Source[FolderSource]):
 class Replays(Source[ReplaySource]):
     """One log for each axis, played in a thread of its own."""
 
-    def __init__(self, config: ReplaySource, channel_map: ChannelMap | None) -> None:
-        super().__init__(config, channel_map)
-        self._running = len(config.logs)
+    _running = 0
 
     def check(self) -> None:
         """Refuse a log that cannot be opened."""
@@ -205,6 +203,7 @@ class Replays(Source[ReplaySource]):
                 raise InputError(problem, where=path, mend="correct its path") from None
 
     def _begin(self, stop: threading.Event) -> None:
+        self._running = len(self._config.logs)
         self._set(connected=True)
         for axis, path in self._config.logs.items():
             self._spawn(self._play, axis, path, stop, ended=self._ended)

@@ -8,6 +8,7 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import paho.mqtt.client as paho
@@ -18,7 +19,6 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from fdd.bounds import MAX_BLOCK_BYTES
 from fdd.errors import InputError
-from fdd.logs.channel_map import ChannelMap
 from fdd.service.blocks import Decoder, axis_name
 from fdd.service.config_sources import MqttSource
 from fdd.service.sources.source import Source
@@ -34,11 +34,12 @@ _TOPIC_BYTES = 65_600
 _NO_RETAINED = 2
 
 
-class _Message:
-    """One that came and is not acknowledged yet."""
+@dataclass
+class _Coming:
+    """A message that is not acknowledged yet."""
 
-    def __init__(self, message: paho.MQTTMessage) -> None:
-        self.number, self.qos, self.done = message.mid, message.qos, False
+    message: paho.MQTTMessage
+    done: bool = False
 
 
 class Mqtt(Source[MqttSource]):
@@ -46,22 +47,17 @@ class Mqtt(Source[MqttSource]):
 
     A message is done when the fleet calls `Block.accepted`, or at once where it is no block, and acknowledged
     when those that came before it are too. What was not acknowledged comes again after a reconnection, and
-    the axis's `Order` knows it. A retained message is a copy of the past and is passed over.
-
-    Parameters
-    ----------
-    has : whether an axis that a topic names is taken; messages of others are acknowledged unread.
+    the axis's `Order` knows it. A retained message is a copy of the past and is passed over. Messages whose
+    topic names an axis that is not taken are acknowledged unread.
     """
 
-    def __init__(
-        self, config: MqttSource, channel_map: ChannelMap | None, has: Callable[[str], bool]
-    ) -> None:
-        super().__init__(config, channel_map)
-        self._has, self._decoder = has, Decoder(channel_map)
+    def __init__(self, config: MqttSource, has: Callable[[str], bool] = lambda axis: True) -> None:
+        super().__init__(config, has)
+        self._decoder = Decoder(self._map)
         self._patterns = [_pattern(topic) for topic in config.topics]
         # Of one connection: numbers mean nothing on the next one. Acknowledged in the order they came, as
         # MQTT demands (4.6): mosquitto before 2.0.13 else lets new messages overtake those that it holds.
-        self._waiting = deque[_Message]()
+        self._waiting = deque[_Coming]()
         self._acknowledging = threading.Lock()
         self._was_connected = self._was_refused = False
 
@@ -137,15 +133,15 @@ class Mqtt(Source[MqttSource]):
 
     def _message(self, client: Any, data: Any, message: paho.MQTTMessage) -> None:
         with self._acknowledging:
-            waiting, mine = self._waiting, _Message(message)
+            waiting, mine = self._waiting, _Coming(message)
             waiting.append(mine)
 
         def done() -> None:
             with self._acknowledging:
                 mine.done = True
                 while waiting is self._waiting and waiting and waiting[0].done:
-                    first = waiting.popleft()
-                    self._client.ack(first.number, first.qos)
+                    first = waiting.popleft().message
+                    self._client.ack(first.mid, first.qos)
 
         if message.retain:
             self._count("retained")

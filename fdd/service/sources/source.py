@@ -27,11 +27,12 @@ class Source(ABC, Generic[Config]):
 
     Parameters
     ----------
-    config : its part of `serve.yaml`. channel_map : the map that it names.
+    config : its part of `serve.yaml`; the map that it names is read. has : whether an axis is taken.
     """
 
-    def __init__(self, config: Config, channel_map: ChannelMap | None) -> None:
-        self.name, self._config, self._map = source_name(config), config, channel_map
+    def __init__(self, config: Config, has: Callable[[str], bool] = lambda axis: True) -> None:
+        self.name, self._config, self._has = source_name(config), config, has
+        self._map = None if config.map is None else ChannelMap.load(config.map)
         self._lock = threading.Lock()
         self._counts = {"received": 0, "refused": 0, "reconnects": 0}
         self._state: dict[str, Any] = {"connected": False, "last_error": None}

@@ -1,4 +1,4 @@
-"""A connection to SQLite or PostgreSQL that behaves alike: what is committed is on the disk."""
+"""SQLite or PostgreSQL behind one engine, with our tables: what is committed is on the disk."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import orjson
+import sqlalchemy as sa
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
 from sqlalchemy.exc import TimeoutError as NoConnection
 
 from fdd.errors import InputError
+from fdd.service.store.schema import GROWS, METADATA, REVISION, VERSION
 
 WRITES = "fdd_writes"
 """Option of a connection whose transactions write."""
@@ -27,6 +29,7 @@ _AWAY = {
 _URLS = "sqlite:///fdd.db or postgresql://user@host/database"
 _DAMAGE = ("DatabaseError", "InternalError")
 _NO_RIGHTS = "42501"
+_BACKUP = "nothing was changed; move the file away, or put a backup in its place"
 
 
 class StoreTrouble(InputError):
@@ -62,8 +65,7 @@ def told(where: str) -> Iterator[None]:
             mend = "look at the disk, at the server, and at who else has it open"
             raise StoreTrouble(said, where=where, mend=mend) from None
         if type(error).__name__ in _DAMAGE:
-            mend = "nothing was changed; move the file away, or put a backup in its place"
-            raise InputError(said, where=where, mend=mend) from None
+            raise InputError(said, where=where, mend=_BACKUP) from None
         if getattr(cause, "sqlstate", None) == _NO_RIGHTS:
             raise InputError(said, where=where, mend="correct the role's rights") from None
         raise
@@ -124,10 +126,7 @@ def _sqlite(url: URL, options: dict[str, Any]) -> tuple[Engine, str]:
     with told(where), engine.connect() as connection:
         problem = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
         if problem != "ok":
-            raise InputError(
-                f"the store is damaged ({problem})", where=where,
-                mend="nothing was changed; move the file away, or put a backup in its place",
-            )  # fmt: skip
+            raise InputError(f"the store is damaged ({problem})", where=where, mend=_BACKUP)
     return engine, where
 
 
@@ -159,3 +158,38 @@ def _alone(connection: Connection) -> None:
     # One writer at a time, as with SQLite: sums are read, added to and written.
     if connection.get_execution_options().get(WRITES):
         connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
+
+
+def prepare(engine: sa.Engine, where: str, existing: bool = False) -> None:
+    """Make the tables of an empty database, all or none.
+
+    Parameters
+    ----------
+    where : the database, for messages. existing : refuse an empty database.
+
+    Raises InputError: the database is of another version of fdd, of another program, or empty.
+    """
+    # One transaction: of two that start at once, one waits and then finds nothing to do.
+    with told(where), engine.connect().execution_options(**{WRITES: True}) as connection, connection.begin():
+        dialect, found = engine.dialect.name, set(sa.inspect(connection).get_table_names())
+        if REVISION.name in found:
+            version = connection.execute(sa.select(REVISION)).scalar()
+            if version != VERSION:
+                raise InputError(
+                    f"the store is of another version of fdd (its tables are {version}, here {VERSION})",
+                    where=where, mend="use that fdd, or name another store",
+                )  # fmt: skip
+            return
+        if existing:
+            raise InputError("is no store of fdd serve", where=where, mend="name that of serve.yaml")
+        # Other programs' tables may stand beside ours on a server, but not in a file.
+        foreign = found if dialect == "sqlite" else found & set(METADATA.tables)
+        if foreign:
+            raise InputError(
+                f"is a database of another program (it has a table {min(foreign)})",
+                where=where, mend="name another file, or a database of its own",
+            )  # fmt: skip
+        METADATA.create_all(connection)
+        connection.execute(sa.insert(REVISION), {"version_num": VERSION})
+        for statement in GROWS[dialect]:
+            connection.exec_driver_sql(statement)

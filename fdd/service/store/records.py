@@ -29,7 +29,7 @@ class Checkpoint:
     ----------
     time : s of the stream's clock. wall : Unix seconds.
     sequence : id of the last journal row whose block is in the state.
-    version : of the state's form. body : the state, packed by whom it belongs to.
+    version : of the state's form. arrays : the state, by names of whom it belongs to.
     """
 
     axis: str
@@ -39,47 +39,38 @@ class Checkpoint:
     profile_sha256: str
     model_sha256: str
     version: str
-    body: bytes
+    arrays: Mapping[str, NDArray[Any]]
 
 
-def packed(body: bytes) -> tuple[bytes, str]:
-    """What is stored of a state, and its SHA-256."""
+def packed(arrays: Mapping[str, NDArray[Any]]) -> tuple[bytes, str]:
+    """What is stored of named arrays, and its SHA-256; NumPy's own archive takes ten times as long.
+
+    Examples
+    --------
+    >>> unpacked(*packed({"a": np.array([[1.0, 2.0]]), "b": np.array([], dtype=np.uint8)}), where="fdd.db")
+    {'a': array([[1., 2.]]), 'b': array([], dtype=uint8)}
+    """
+    head = orjson.dumps([(name, a.dtype.str, a.shape) for name, a in arrays.items()])
+    body = b"".join([len(head).to_bytes(8, "little"), head, *(a.tobytes() for a in arrays.values())])
     small = len(body).to_bytes(8, "little") + _CODEC.compress(body, asbytes=True)
     return small, hashlib.sha256(small).hexdigest()
 
 
-def unpacked(small: bytes, sha256: str, where: str) -> bytes:
-    """The state of what `packed` gave; raises InputError where it is damaged, or of another version."""
+def unpacked(small: bytes, sha256: str, where: str) -> dict[str, NDArray[Any]]:
+    """The arrays of what `packed` gave; raises InputError where it is damaged, or of another version."""
     mend = "the axis must start anew"
     if hashlib.sha256(small).hexdigest() != sha256:
         raise InputError("a checkpoint is damaged", where=where, mend=mend)
     try:
         body: bytes = _CODEC.decompress(small[8:], int.from_bytes(small[:8], "little"), asbytes=True)
-    except (OSError, ValueError, OverflowError, MemoryError):
+        start = 8 + int.from_bytes(body[:8], "little")
+        out: dict[str, NDArray[Any]] = {}
+        for name, kind, shape in orjson.loads(body[8:start]):
+            dtype, count = np.dtype(kind), int(np.prod(shape))
+            out[name] = np.frombuffer(body, dtype, count, start).reshape(shape).copy()
+            start += count * dtype.itemsize
+    except (OSError, ValueError, TypeError, OverflowError, MemoryError):
         raise InputError("a checkpoint is of another version of fdd", where=where, mend=mend) from None
-    return body
-
-
-def joined(arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Named arrays of numbers as one run of bytes; NumPy's own archive takes ten times as long.
-
-    Examples
-    --------
-    >>> parted(joined({"a": np.array([[1.0, 2.0]]), "b": np.array([], dtype=np.uint8)}))
-    {'a': array([[1., 2.]]), 'b': array([], dtype=uint8)}
-    """
-    head = orjson.dumps([(name, a.dtype.str, a.shape) for name, a in arrays.items()])
-    return b"".join([len(head).to_bytes(8, "little"), head, *(a.tobytes() for a in arrays.values())])
-
-
-def parted(body: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays of what `joined` gave; raises ValueError or TypeError where it is not that."""
-    start = 8 + int.from_bytes(body[:8], "little")
-    out: dict[str, NDArray[Any]] = {}
-    for name, kind, shape in orjson.loads(body[8:start]):
-        dtype, count = np.dtype(kind), int(np.prod(shape))
-        out[name] = np.frombuffer(body, dtype, count, start).reshape(shape).copy()
-        start += count * dtype.itemsize
     return out
 
 

@@ -1,4 +1,4 @@
-"""The tables, made where there are none. A change here needs a new `VERSION`."""
+"""The tables. A change here needs a new `VERSION`."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import JSON, BigInteger, Boolean, Column, Double, Index, Integer, LargeBinary, Table, Text
-
-from fdd.errors import InputError
-from fdd.service.store.database import WRITES, told
 
 METADATA = sa.MetaData()
 VERSION = "0002"
@@ -35,7 +32,7 @@ def _known(kind: Any, *names: str) -> list[Column[Any]]:
     return [Column(name, kind) for name in names]
 
 
-_VERSION = Table("fdd_revision", METADATA, _key("version_num", sa.String(32)))
+REVISION = Table("fdd_revision", METADATA, _key("version_num", sa.String(32)))
 META = Table("meta", METADATA, _key("key", Text), *_needed(Text, "value"))
 AXIS = Table(
     "axis",
@@ -127,7 +124,7 @@ OUTBOX = Table(
 
 # The audit only grows, whoever writes. INSERT OR REPLACE deletes without asking a trigger for deletes.
 _REFUSED = "BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END"
-_GROWS = {
+GROWS = {
     "sqlite": (
         f"CREATE TRIGGER audit_no_update BEFORE UPDATE ON audit {_REFUSED}",
         f"CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit {_REFUSED}",
@@ -143,38 +140,3 @@ _GROWS = {
         "FOR EACH STATEMENT EXECUTE FUNCTION audit_grows()",
     ),
 }
-
-
-def prepare(engine: sa.Engine, where: str, existing: bool = False) -> None:
-    """Make the tables of an empty database, all or none.
-
-    Parameters
-    ----------
-    where : the database, for messages. existing : refuse an empty database.
-
-    Raises InputError: the database is of another version of fdd, of another program, or empty.
-    """
-    # One transaction: of two that start at once, one waits and then finds nothing to do.
-    with told(where), engine.connect().execution_options(**{WRITES: True}) as connection, connection.begin():
-        dialect, found = engine.dialect.name, set(sa.inspect(connection).get_table_names())
-        if _VERSION.name in found:
-            version = connection.execute(sa.select(_VERSION)).scalar()
-            if version != VERSION:
-                raise InputError(
-                    f"the store is of another version of fdd (its tables are {version}, here {VERSION})",
-                    where=where, mend="use that fdd, or name another store",
-                )  # fmt: skip
-            return
-        if existing:
-            raise InputError("is no store of fdd serve", where=where, mend="name that of serve.yaml")
-        # Other programs' tables may stand beside ours on a server, but not in a file.
-        foreign = found if dialect == "sqlite" else found & set(METADATA.tables)
-        if foreign:
-            raise InputError(
-                f"is a database of another program (it has a table {min(foreign)})",
-                where=where, mend="name another file, or a database of its own",
-            )  # fmt: skip
-        METADATA.create_all(connection)
-        connection.execute(sa.insert(_VERSION), {"version_num": VERSION})
-        for statement in _GROWS[dialect]:
-            connection.exec_driver_sql(statement)

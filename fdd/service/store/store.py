@@ -15,8 +15,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.service.alarms import ITSELF, Alarm, Transition, readable
-from fdd.service.store import schema
-from fdd.service.store.database import WRITES, LeaseLost, connect, told
+from fdd.service.store.database import WRITES, LeaseLost, connect, prepare, told
 from fdd.service.store.records import SPANS_S, Checkpoint, Rollup, packed, unpacked
 from fdd.service.store.schema import ALARM, AUDIT, AXIS, CHECKPOINT, FINDING, JOURNAL, META, OUTBOX, ROLLUP
 
@@ -118,8 +117,9 @@ class Transaction:
 
     def checkpoint(self, checkpoint: Checkpoint) -> None:
         """Keep an axis's state in place of the last one; the blocks that it holds leave the journal."""
-        small, sha256 = packed(checkpoint.body)
-        self._put(CHECKPOINT, [{**asdict(checkpoint), "body": small, "sha256": sha256}])
+        row = dict(vars(checkpoint))
+        row["body"], row["sha256"] = packed(row.pop("arrays"))
+        self._put(CHECKPOINT, [row])
         held = (JOURNAL.c.axis == checkpoint.axis) & (JOURNAL.c.id <= checkpoint.sequence)
         self.execute(delete(JOURNAL).where(held))
 
@@ -180,15 +180,13 @@ class Store:
     ----------
     leases : with them each transaction is refused (`LeaseLost`) once somebody else has claimed one.
 
-    Raises
-    ------
-    InputError : wrong URL, damaged, of another fdd, of another program.
+    Raises InputError: wrong URL, damaged, of another fdd, of another program.
     """
 
     def __init__(self, url: str, *, existing: bool = False, leases: Mapping[str, str] | None = None) -> None:
         self.leases = dict(leases or {})
         self._engine, self.where = connect(url, existing)
-        schema.prepare(self._engine, self.where, existing)
+        prepare(self._engine, self.where, existing)
 
     def close(self) -> None:
         """Close all connections."""
@@ -224,6 +222,10 @@ class Store:
         with told(self.where), self._engine.connect() as connection:
             return [dict(row._mapping) for row in connection.execute(statement)]
 
+    def _value(self, statement: sa.Select[Any]) -> Any:
+        with told(self.where), self._engine.connect() as connection:
+            return connection.execute(statement).scalar()
+
     def axes(self) -> list[Row]:
         """All axes, by name."""
         return self._rows(select(AXIS).order_by(AXIS.c.name))
@@ -236,7 +238,7 @@ class Store:
 
     def alarm(self, id: int) -> Row | None:
         """One `Alarm` as a dict; None where there is none."""
-        return next((r["body"] for r in self._rows(select(ALARM.c.body).where(ALARM.c.id == id))), None)
+        return self._value(select(ALARM.c.body).where(ALARM.c.id == id))
 
     def book(self) -> Row:
         """What `AlarmBook.restore` takes: alarms that are not over, each key's last one, and the next id."""
@@ -265,8 +267,8 @@ class Store:
     def checkpoint(self, axis: str) -> Checkpoint | None:
         """The last state of an axis; None where there is none. Raises InputError where it is damaged."""
         for row in self._rows(select(CHECKPOINT).where(CHECKPOINT.c.axis == axis)):
-            row["body"] = unpacked(row["body"], row.pop("sha256"), self.where)
-            return Checkpoint(**row)
+            arrays = unpacked(row.pop("body"), row.pop("sha256"), self.where)
+            return Checkpoint(**row, arrays=arrays)
         return None
 
     def journal(self, axis: str, after: int = 0, most: int | None = None) -> list[tuple[int, bytes]]:
@@ -277,16 +279,16 @@ class Store:
 
     def journal_bytes(self, axis: str) -> int:
         """Bytes of the blocks that came after an axis's checkpoint."""
-        size = select(func.sum(func.length(JOURNAL.c.payload)).label("n")).where(JOURNAL.c.axis == axis)
-        return int(self._rows(size)[0]["n"] or 0)
+        size = func.sum(func.length(JOURNAL.c.payload))
+        return int(self._value(select(size).where(JOURNAL.c.axis == axis)) or 0)
 
     def journal_rows(self) -> int:
         """Blocks of all axes that came after their checkpoints."""
-        return int(self._rows(select(func.count().label("n")).select_from(JOURNAL))[0]["n"])
+        return int(self._value(select(func.count()).select_from(JOURNAL)))
 
     def meta(self, key: str) -> str | None:
         """A word about the store itself."""
-        return next((r["value"] for r in self._rows(select(META.c.value).where(META.c.key == key))), None)
+        return self._value(select(META.c.value).where(META.c.key == key))
 
     def outbox(self, limit: int, target: str) -> list[OutboxMessage]:
         """The oldest messages for a target that did not arrive yet, in their order."""

@@ -1,0 +1,261 @@
+"""``python -m reports estimators``: worlds and bound against plain NumPy, verdicts that follow figures."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from estimators.consistency import nees_band
+from estimators.eha import layout
+from estimators.eha import model as eha
+from fdd.residuals.tracking import METHODS, Channels, Tracking
+from fdd.unit import Unit
+from reports.estimators.cases import CASES, FORCE_PERIOD, QUANTITIES, SETTLING, Case, Trajectory, assumed
+from reports.estimators.matched import CLEARANCE, LOWEST, draw, eha_bound, matched_unit
+from reports.estimators.peers import PEERS, run_peer
+from reports.estimators.report import accuracy, coverage, draw_pictures, goals, report_text
+from reports.estimators.runs import CHECKS, GRID, Measured, Plan, evaluate, measure, measure_speed, prepare
+
+SINES, STROKES = Case("sines", "spring"), Case("strokes", "constant")
+
+
+@pytest.fixture(scope="module")
+def axis():
+    """Tracker's model and prior of the matched unit."""
+    tracking = Tracking(matched_unit(Unit.load("axis_a")), Channels(SINES.channels), 1e-3)
+    return tracking.model, assumed(tracking.trackers["ekf"])
+
+
+@pytest.fixture(scope="module")
+def drawn(axis):
+    """Ten seconds of sines against a spring."""
+    return draw(SINES, 10.0, *axis, np.random.default_rng(5))
+
+
+@pytest.mark.slow
+def test_the_matched_world_obeys_the_model_with_its_noise(axis, drawn):
+    """What is left of each step after the noise on velocity and speed is white flow noise of the right
+    size."""
+    model, prior = axis
+    truth, _ = drawn
+    x = truth.states
+    flows = np.empty((x.shape[0] - 1, 2))
+    new, F, G = np.empty(eha.STATES), np.empty((eha.STATES,) * 2), np.empty((eha.STATES, 4))
+    for k in range(x.shape[0] - 1):
+        eha.step(x[k], 1.0, 1.0, truth.accumulator[0], np.nan, np.nan, model, new, F, G)
+        motion = np.array([x[k + 1, eha.V] - new[eha.V], x[k + 1, eha.W] - new[eha.W]])
+        left = x[k + 1] - new - G[:, :2] @ motion
+        np.testing.assert_allclose(left[[eha.X, eha.TH]], 0.0, atol=1e-9)
+        flows[k] = left[eha.P1] / G[eha.P1, 2], left[eha.P2] / G[eha.P2, 3]
+    np.testing.assert_allclose(flows.std(axis=0), prior.sizes.small, rtol=0.03)  # 4 sigma of 10 000
+    assert np.abs(flows.mean(axis=0)).max() < 4.0 * prior.sizes.small / 100.0
+    assert abs(np.corrcoef(flows[1:, 0], flows[:-1, 0])[0, 1]) < 0.04
+    assert abs(np.corrcoef(flows.T)[0, 1]) < 0.04
+
+
+@pytest.mark.slow
+def test_its_parameters_walk_and_its_sensors_err_as_the_filter_assumes(axis, drawn):
+    _, prior = axis
+    truth, block = drawn
+    walking = [eha.AIR, eha.FRIC, eha.VISC, eha.SKEW]  # leakage walks in proportion where it has grown
+    walks = np.diff(truth.states[:, walking], axis=0).std(axis=0)
+    np.testing.assert_allclose(walks, prior.walk[walking] * np.sqrt(1e-3), rtol=0.03)
+    errors = np.column_stack([
+        block[:, layout.POSITION] * 1e3 - truth.states[:, eha.X],
+        block[:, layout.ANGLE] - truth.states[:, eha.TH],
+        block[:, layout.PRESSURE_1] * 1e-6 - truth.states[:, eha.P1],
+    ])  # fmt: skip
+    s = prior.sizes
+    np.testing.assert_allclose(errors.std(axis=0), [s.position, s.angle, s.pressure], rtol=0.03)
+    lowest = truth.states[:, [eha.P1, eha.P2]].min()
+    assert lowest == pytest.approx(LOWEST, abs=0.01)
+    assert truth.accumulator[0] == pytest.approx(LOWEST - CLEARANCE)
+
+
+@pytest.mark.slow
+def test_in_the_matched_world_the_filter_is_consistent():
+    """NEES of four parameters over twelve short runs; bounds are 99.9 % ones."""
+    found = [evaluate(prepare("matched", SINES, (7, s), 6.0)) for s in range(12)]
+    errors, consistency = (
+        pd.concat(frames[kind] for frames in found).query("method == 'ekf'")
+        for kind in ("errors", "consistency")
+    )
+    low, high = nees_band(4, 12, 0.999)
+    assert low < consistency["nees"].mean() < high
+    claimed = (errors["std"] / errors["bound"]).groupby(errors["quantity"]).median()
+    np.testing.assert_allclose(claimed[["leakage", "bulk_modulus"]], 1.0, atol=0.1)
+
+
+@pytest.mark.slow
+def test_the_plants_truth_becomes_states():
+    """Pressures and flows of the plant's truth, in the model's words, obey the model's volume balance."""
+    data = prepare("plant", SINES, (1, 2), 3.0)
+    x, model = data.truth.states, data.tracking.model
+    pump = model.displacement * (1.0 + x[0, eha.GAIN])
+    drop = x[:, eha.P1] - x[:, eha.P2]
+    moved = pump * np.ptp(x[:, eha.TH])
+    i1 = np.array([eha.compliance(p, a, model)[0] for p, a in x[::10][:, [eha.P1, eha.AIR]]])
+    stored = np.sum((model.volume_1 + model.area_1 * x[10::10, eha.X]) * i1[1:] * np.diff(x[::10, eha.P1]))
+    leak = model.cross_port_leakage * drop + model.case_leakage * (x[:, eha.P1] - data.truth.accumulator)
+    leaked = np.sum(leak * x[:, eha.LEAK] / data.truth.viscosity)
+    balance = pump * (x[-1, eha.TH] - x[0, eha.TH]) - model.area_1 * (x[-1, eha.X] - x[0, eha.X])
+    fed = x[:, eha.P1] < data.truth.accumulator
+    if not fed.any():
+        assert abs(balance - stored - leaked) < 2e-3 * moved
+    np.testing.assert_allclose(data.block[:, layout.POSITION] * 1e3, x[:, eha.X], atol=2e-3)
+    assert 0.2 < x[0, eha.LEAK] < 2.0
+
+
+@pytest.mark.slow
+def test_peers_follow_the_same_run():
+    case = CASES[0]
+    data = prepare("matched", case, (4, 4), 1.0)
+    rows = np.array([500, 900])
+    for name in PEERS:
+        part = data.block if name == PEERS[0] else data.block[:120]
+        at = rows if name == PEERS[0] else np.array([60, 110])
+        states, variances = run_peer(name, data.tracking.model, data.prior, part, case.minimum, at)
+        error = states - data.truth.states[at]
+        assert np.abs(error[:, eha.X]).max() < 3e-3 and np.abs(error[:, eha.P1]).max() < 0.02
+        assert (variances[:, eha.LEAK] < data.prior.spread[eha.LEAK] ** 2 * 1.01).all()
+
+
+@pytest.fixture(scope="module")
+def sliding(axis):
+    """A run of the model that slides one way all the time."""
+    truth, _ = draw(STROKES, 2.0, *axis, np.random.default_rng(1))
+    fast = int(np.argmax(np.abs(truth.states[:, eha.V]) > 0.05))
+    return (*axis, Trajectory(*(each[fast : fast + 200] for each in truth)))
+
+
+def test_the_compiled_bound_is_the_recursion_on_the_eha_model(sliding):
+    """Dense matrices and inverses in NumPy, with a mean force every 20 ms once 80 ms have been slid."""
+    model, prior, truth = sliding
+    x, sizes = truth.states, prior.sizes
+    rows = np.array([50, 99, 150, 199])
+    found = eha_bound(truth, model, prior, False, rows)
+
+    H = np.zeros((4, eha.STATES))
+    for row, state in enumerate((eha.X, eha.TH, eha.P1, eha.P2)):
+        H[row, state] = 1.0
+    R = np.diag(np.array([sizes.position, sizes.angle, sizes.pressure, sizes.pressure]) ** 2)
+    noise = np.diag(np.array([sizes.force, sizes.acceleration, sizes.small, sizes.small]) ** 2)
+    P, new = np.diag(prior.spread**2), np.empty(eha.STATES)
+    F, G = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
+    assert np.abs(x[:, eha.V]).min() > 0.01
+    for k in range(x.shape[0]):
+        if k:
+            at = x[k, [eha.V, eha.W]]
+            eha.step(x[k - 1], 1.0, 1.0, truth.accumulator[0], at[0], at[1], model, new, F, G)
+            F[: eha.P2 + 1, eha.FRIC :] = 0.0
+            F = F - np.diag(prior.pull * 1e-3)
+            P = F @ P @ F.T + G @ noise @ G.T + np.diag(prior.walk**2 * 1e-3)
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        I_KH = np.eye(eha.STATES) - K @ H
+        P = I_KH @ P @ I_KH.T + K @ R @ K.T
+        if (k + 1) % FORCE_PERIOD == 0 and k >= SETTLING:
+            period = x[k - FORCE_PERIOD + 1 : k + 1]
+            v = period[:, eha.V]
+            h = np.zeros(eha.STATES)
+            h[eha.FRIC] = np.mean([eha.friction_curve(value, model)[0] for value in v])
+            h[eha.SKEW] = np.abs(v).mean()
+            h[eha.VISC], h[eha.LOAD], h[eha.STIF] = v.mean(), 1.0, period[:, eha.X].mean()
+            h[eha.THROT], h[eha.INERT] = (v * np.abs(v)).mean(), (v[-1] - v[0]) / FORCE_PERIOD * 1e3
+            gain = P @ h / (h @ P @ h + sizes.force_mean**2)
+            P = P - np.outer(gain, h @ P)
+        if k in rows:
+            at_row = found[list(rows).index(k)]
+            # 1e-7 mm² of position beside 1e6 of the load: dense algebra keeps few digits of the motion.
+            parameters = slice(eha.P2 + 1, eha.STATES)
+            np.testing.assert_allclose(at_row[parameters], np.diag(P)[parameters], rtol=1e-5)
+    # A throttle at 0.06 m/s may carry kilonewtons: the mean forces leave a third of it.
+    assert found[-1, eha.THROT] < 0.33 * prior.spread[eha.THROT] ** 2
+
+
+NAME = "steps, none, all"
+TRUTH = np.array([6e-12, 2e8, 150.0, 60.0])
+
+
+def many(error=1.0, nees=4.0, halves=np.linspace(0.1, 2.1, 21)) -> Measured:
+    """Runs with errors of `error` times a bound of 2 % (4 N·s/m)."""
+    rng, runs = np.random.default_rng(1), 200
+    at = pd.MultiIndex.from_product([range(runs), METHODS, QUANTITIES, range(CHECKS)])
+    errors = at.to_frame(index=False, name=["run", "method", "quantity", "check"])
+    errors["truth"] = errors["quantity"].map(dict(zip(QUANTITIES, TRUTH, strict=True)))
+    errors["bound"] = np.where(errors["quantity"] == QUANTITIES[3], 4.0, 0.02 * errors["truth"])
+    errors["error"] = error * errors["bound"] * rng.standard_normal(len(errors))
+    consistency = pd.DataFrame([
+        {"run": run, "method": m, "nees": nees, **dict.fromkeys(QUANTITIES, 0.0)}
+        for run in range(runs) for m in METHODS
+    ])  # fmt: skip
+    steps = pd.DataFrame([
+        {"run": run, "method": m, "half": t, "response": np.zeros(GRID.size), "case": "leakage"}
+        for run, t in enumerate(halves) for m in METHODS
+    ])  # fmt: skip
+    return {
+        "errors": errors.assign(std=errors["bound"], flag=True, world="plant", case=NAME),
+        "consistency": consistency.assign(world="plant", case=NAME),
+        "steps": steps.assign(world="plant"),
+    }
+
+
+def test_figures_are_those_of_the_draw():
+    found = many(error=1.3)
+    each = accuracy(found["errors"]).loc["plant", NAME]
+    a = each.loc["leakage", "ekf"]
+    assert a["counted"] and a["flagged"] == 1.0
+    assert a["rmse"] / a["bound"] == pytest.approx(1.3, rel=0.1) and a["bound"] == pytest.approx(2.0)
+    assert a["rmse"] == pytest.approx(np.hypot(a["bias"], a["spread"]))
+    assert each.loc["viscous_friction", "svsf"]["bound"] == pytest.approx(4.0)  # N·s/m, not percent
+    c = coverage(found["consistency"]).loc["plant", NAME, "ekf"]
+    assert (c["nees"], c["lost"]) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "short"),
+    [
+        ({}, None),
+        ({"error": 1.8}, "bound"),
+        ({"nees": 12.0}, "NEES"),
+        ({"nees": np.nan}, "NEES"),
+        ({"halves": (0.5, 2.5)}, "change"),
+    ],
+)
+def test_a_goal_is_short_where_its_figure_is(settings, short):
+    for goal in goals(many(**settings), "plant"):
+        assert goal.total > 0
+        missed = short is not None and short in goal.name
+        assert (goal.met < goal.total) == missed, goal.name
+        assert bool(goal.short) == missed
+    if short == "change":
+        assert goal.short == ("leakage, EKF: 2.50 s", "leakage, SVSF: 2.50 s")
+
+
+@pytest.mark.slow
+def test_a_tiny_run_makes_the_whole_report(tmp_path):
+    plan = Plan(runs=2, peers=0, duration=3.0, cases=(NAME,), stepped=("leakage",))
+    told: list[float] = []
+    found = measure(plan, 1, told.append)
+    assert told[-1] == 1.0 and told == sorted(told)
+    text = report_text(plan, found)
+    for part in ("## Goals", "## Matched world", "## Plant world", "## A sudden change"):
+        assert part in text
+    assert text.count(f"| {NAME} |") == 4 and "## Speed" not in text
+    draw_pictures(found, tmp_path)
+    assert {p.name: p.read_bytes()[:4] for p in tmp_path.iterdir()} == dict.fromkeys(
+        ("coverage.png", "steps.png"), b"\x89PNG"
+    )
+    again = measure(Plan(runs=2, peers=0, duration=3.0, cases=(NAME,), stepped=()))
+    pd.testing.assert_frame_equal(again["errors"], found["errors"])
+
+
+@pytest.mark.slow
+def test_speed_is_measured_and_told_with_its_verdicts():
+    timed = measure_speed(2.0, repeats=1, peer_samples=200)
+    assert timed.loc["filterpy EKF", "median"] > 10.0 * timed.loc["EKF", "median"]
+    timed["median"] = [1.5, 2.5, 60.0]
+    lines = report_text(Plan(), {"speed": timed}).splitlines()
+    for said in (
+        "- EKF within 2 µs a sample: **met**, 1.50 µs", "- SVSF within 2 µs a sample: **short**, 2.50 µs",
+        "- 25 times filterpy's speed: **met**, 40.00 times",
+    ):  # fmt: skip
+        assert said in lines
