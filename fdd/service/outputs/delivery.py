@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -40,7 +41,7 @@ class Undelivered(Exception):
         self.wait_s, self.final, self.down = min(wait_s, LONGEST_ASKED_S), final, down
 
 
-class Target:
+class Target(ABC):
     """One receiver of messages, in their order and each at least once: one that fails holds back the next.
 
     Attributes
@@ -60,14 +61,14 @@ class Target:
         self.counts = dict.fromkeys(("delivered", "failed", "given_up", "pending", "lost"), 0)
         self.last_error = ""
 
+    @abstractmethod
     def deliver(self, message: OutboxMessage) -> None:
         """Send one message. Raises Undelivered: it did not arrive."""
-        raise NotImplementedError
 
-    def note(self, axis: str, state: Mapping[str, Any]) -> None:
+    def note(self, axis: str, state: Mapping[str, Any]) -> None:  # noqa: B027 (most take none)
         """Take an axis's live status. Raises Undelivered: it is lost."""
 
-    def tick(self) -> None:
+    def tick(self) -> None:  # noqa: B027 (most need none)
         """Called now and then."""
 
     def status(self) -> dict[str, Any]:
