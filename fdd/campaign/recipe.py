@@ -104,7 +104,7 @@ class Recipe(Validated):
     duration : s of each log.
     healthy_share : share of logs without a fault.
     faults : id of the catalogue to its weight and severities.
-    laws : by which faults come that may have several: ``first``, the one that signatures know; ``all``;
+    laws : by which faults come that may have several: ``first``, which signatures know best; ``all``;
         ``unseen``, all but the first, where there are others. See `laws_of`.
     severity : range for faults without their own.
     fault_scales : figures of severity 1 to the ranges that each log draws them from.

@@ -175,14 +175,16 @@ class Model(BaseModel):
         return name not in ADDED_BY if self.faults is None else name in self.faults
 
     def had(self, name: str, law: str) -> bool:
-        """Whether a fault was there by this law in what was learnt; signatures have the first of each.
+        """Whether a fault was there by this law in what was learnt, or has a signature for it.
 
         Examples
         --------
         >>> Model.load().had("internal_leakage", "mixed"), Model.load().had("internal_leakage", "opening")
         (True, False)
         """
-        return law in (*tuple(fault(name).laws)[:1], *(self.laws or {}).get(name, ()))
+        entry = fault(name)
+        known = (*tuple(entry.laws)[:1], *(s.law for s in entry.signatures))
+        return law in (*known, *(self.laws or {}).get(name, ()))
 
     @classmethod
     def load(cls, path: str | Path | None = None) -> Model:

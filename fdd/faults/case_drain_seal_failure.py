@@ -1,6 +1,23 @@
 """Case drain seal failure: oil goes from the ports into the case and so into the accumulator."""
 
-from fdd.faults.entry import ASSUMED, LEAKAGE, Amount, Effect, Fault, Figure, Signature
+from functools import partial
+
+from fdd.faults.entry import (
+    ASSUMED,
+    LEAKAGE,
+    Amount,
+    Columns,
+    Effect,
+    Fault,
+    Figure,
+    Healthy,
+    Signature,
+)
+
+
+def _one_port(port: int, unit: Healthy) -> Columns:
+    return {"volume": {f"outside_{port}": 4.0 * unit.leakage_ratio}}
+
 
 FAULT = Fault(
     id="case_drain_seal_failure",
@@ -23,7 +40,12 @@ FAULT = Fault(
         Effect("case_leakage_1", "add", "case_leakage", times=(2.0,), laws=("one",)),
     ),
     # Twice what severity 1 of internal leakage is; one seal, of the many gaps that lead across the ports.
+    # What one port loses is missing in its chamber as if it went outside, but not in the accumulator.
     signatures=(
-        Signature("case", lambda unit: {"volume": {"case": 2.0 * unit.leakage_ratio}}, commonness=0.5),
+        Signature("case", lambda unit: {"volume": {"case": 2.0 * unit.leakage_ratio}}, commonness=0.25),
+        *(
+            Signature(f"case {port}", partial(_one_port, port), law="one", commonness=0.125)
+            for port in (1, 2)
+        ),
     ),
 )

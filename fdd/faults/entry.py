@@ -153,17 +153,19 @@ class Signature:
     label : for people; unique within the fault.
     columns : from the healthy unit to what changes.
     side, variant : of the fault, where the signature tells them.
+    law : of the fault's, that it is made for; None is the first, and what looks like it.
     signed : the amplitude is a severity and cannot be negative.
     channel : the sensor at fault.
     courses : in time, of step, ramp and drift; a step may also come and go.
     commonness : weight among faults that look alike in a log: how often the part fails, with how many there
-        are.
+        are, and what share of its laws look so.
     """
 
     label: str
     columns: Callable[[Healthy], Columns]
     side: int | None = None
     variant: str | None = None
+    law: str | None = None
     signed: bool = True
     channel: str | None = None
     courses: tuple[str, ...] = ("step", "ramp")
@@ -207,7 +209,7 @@ class Fault:
     source : where that scale comes from, or that it is an assumption.
     next_check : what a technician does to confirm it, one sentence.
     variants, sides : choices that the injection takes; the first is the default.
-    laws : name to how the plant may have it, the first by default. Signatures never see which.
+    laws : name to how the plant may have it, the first by default.
     figures : numbers behind severity 1.
     effects : what they change in the plant.
     in_measurement : `fdd.plant.sensors` injects it, not the plant.

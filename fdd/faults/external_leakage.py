@@ -23,6 +23,11 @@ def _chamber(side: int, unit: Healthy) -> Columns:
     return {"volume": {f"outside_{side}": 0.5 * unit.leakage_ratio}, "reservoir": {f"outside_{side}": 1.0}}
 
 
+def _hole(side: int, unit: Healthy) -> Columns:
+    # It looks like a check valve that stays open, of which 1e-4 m³/s is severity 1; but the oil is lost.
+    return {"volume": {f"valve_{side}": 0.06}, "reservoir": {f"outside_{side}": 1.0}}
+
+
 FAULT = Fault(
     id="external_leakage",
     family="leakage",
@@ -51,5 +56,15 @@ FAULT = Fault(
             "outside_opening_{side}", "add", "external_leakage", over="leakage_pressure", laws=("opening",)
         ),
     ),
-    signatures=tuple(Signature(f"outside {side}", partial(_chamber, side), side=side) for side in (1, 2)),
+    # Two of its three laws look laminar.
+    signatures=(
+        *(
+            Signature(f"outside {side}", partial(_chamber, side), side=side, commonness=0.7)
+            for side in (1, 2)
+        ),
+        *(
+            Signature(f"hole {side}", partial(_hole, side), side=side, law="orifice", commonness=0.3)
+            for side in (1, 2)
+        ),
+    ),
 )

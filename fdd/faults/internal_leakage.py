@@ -55,5 +55,14 @@ FAULT = Fault(
         Effect("cross_opening", "add", "internal_leakage", over="leakage_pressure", laws=("opening",)),
         Effect("seal_leakage", "add", "internal_leakage", laws=("piston",)),
     ),
-    signatures=(Signature("internal leakage", lambda unit: {"volume": {"leak": unit.leakage_ratio}}),),
+    # Four of its laws look laminar. A hole looks like an open relief valve, of which 1e-4 m³/s is severity 1.
+    signatures=(
+        Signature("internal leakage", lambda unit: {"volume": {"leak": unit.leakage_ratio}}, commonness=0.8),
+        Signature(
+            "internal orifice",
+            lambda unit: {"volume": {"relief_12": 0.12, "relief_21": 0.12}},
+            law="orifice",
+            commonness=0.2,
+        ),
+    ),
 )

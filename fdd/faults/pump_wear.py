@@ -57,6 +57,17 @@ FAULT = Fault(
             lambda unit: {"volume": {"wear": unit.leakage_ratio * unit.speed_ratio, "gain": _LOSS}},
             commonness=0.5,
         ),
-        Signature("worn displacement", lambda unit: {"volume": {"gain": _WORN_OUT}}, commonness=0.5),
+        Signature(
+            "worn displacement",
+            lambda unit: {"volume": {"gain": _WORN_OUT}},
+            law="displacement",
+            commonness=0.25,
+        ),
+        Signature(
+            "worn gap",
+            lambda unit: {"volume": {"leak": 0.7 * unit.leakage_ratio, "case": 0.3 * unit.leakage_ratio}},
+            law="gap",
+            commonness=0.25,
+        ),
     ),
 )
