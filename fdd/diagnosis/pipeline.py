@@ -291,8 +291,9 @@ class Pipeline:
             unseen = invisible(evaluation.evidence, self._hypotheses, even)
         for finding in hydraulic:
             first = self._acute.active.alarms.get(finding.family)
-            if first is not None:
-                finding.detected_s = first.detected_s
+            # An alarm before its onset was raised for something else; an onset may move by a scan.
+            if first is not None and first.detected_s > finding.onset_s - SCAN_FRAMES * FRAME_S:
+                finding.detected_s = max(first.detected_s, finding.onset_s)
         # An alarm stays, though its onset has left the window.
         start = self._history.frames[0] * FRAME_S if self._history.frames else 0.0
         hydraulic += self._acute.active.past({f.family for f in hydraulic}, start)

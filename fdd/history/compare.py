@@ -18,7 +18,7 @@ from fdd.unit import Unit
 
 LEAST_INFORMATIVE_FRAMES = 8
 """Fewest frames with information on a balance for a mean over the log: four seconds."""
-NO_CHANGE = "no change beyond uncertainty"
+NO_CHANGE = "no estimate changed beyond its uncertainty"
 LEVEL = 0.05
 TEST = (
     "two-sided z test of each difference over its standard deviation, 95 % over all rows together (Holm); "
@@ -98,7 +98,7 @@ def _change(name: str, a: Estimate, b: Estimate, unit: Unit, measured: bool) -> 
         # The healthy value at each log's own temperature tells what the viscosity law makes of it.
         scales = (unit.pump.total_leakage / a.baseline, unit.pump.total_leakage / b.baseline)
         law = VISCOSITY_LAW_DOUBT * abs(math.log(a.baseline / b.baseline)) if measured else UNMEASURED
-        conditions = f"at {unit.oil.reference_temperature:g} °C" if measured else "temperature not measured"
+        conditions = f"at {unit.oil.reference_temperature:.3g} °C" if measured else "temperature not measured"
     elif name == "bulk_modulus":
         conditions = f"at {unit.oil.reference_pressure * 1e-5:.3g} bar"
     (value_a, std_a), (value_b, std_b) = (

@@ -40,6 +40,8 @@ MEASURED: tuple[tuple[str, str, tuple[tuple[str, str], ...], float], ...] = (
     ("Oil temperature", "°C", (("oil_temperature", "oil temperature"),), 1.0),
     ("Load force", "kN", (("load_force", "load force"),), 1e-3),
 )  # fmt: skip
+LABEL_SHARE = 0.2
+"""Of a plot's width, that the name of a vertical line takes on a phone."""
 
 
 @dataclass
@@ -107,6 +109,7 @@ def _mark_faults(layout: dict[str, Any], faults: list[FaultFinding], reach: tupl
     """Onset and detection as vertical lines, named above the plot."""
     start, stop = reach
     layout["xaxis"]["range"] = [round(start, 4), round(stop, 4)]
+    taken: list[tuple[int, float]] = []
     for number, fault in enumerate(faults, start=1):
         suffix = f" {number}" if len(faults) > 1 else ""
         marks = (("onset", fault.onset_s, "dash"), ("detected", fault.detected_s, "solid"))
@@ -115,13 +118,15 @@ def _mark_faults(layout: dict[str, Any], faults: list[FaultFinding], reach: tupl
                 continue
             layout["shapes"].append(tr.upright(at, dash=dash))
             share = (at - start) / (stop - start)
-            left = word == "onset"
-            # A label that would leave the plot goes to the other side, one row higher.
-            flipped = share < 0.12 if left else share > 0.82
-            note = tr.upright_label(at, word + suffix, left=left != flipped)
-            if flipped:
-                note["yshift"] = 12
-            layout["annotations"].append(note)
+            # A label that would leave the plot goes to the other side; one that would lie on another, higher.
+            left = share > LABEL_SHARE if word == "onset" else share > 1.0 - LABEL_SHARE
+            begin = share - LABEL_SHARE if left else share
+            free = (r for r in range(3) if all(r != o or abs(begin - b) > LABEL_SHARE for o, b in taken))
+            row = next(free, 2)
+            taken.append((row, begin))
+            layout["annotations"].append(
+                {**tr.upright_label(at, word + suffix, left=left), "yshift": 12 * row}
+            )
 
 
 def _probabilities(trajectories: Trajectories) -> list[Figure]:

@@ -136,7 +136,7 @@ def unit_rows(unit: Unit) -> list[tuple[str, str]]:
         ("Moving mass", f"{c.moving_mass:.4g} kg"),
         ("Chamber volumes at mid-stroke", f"{c.volume_1 * 1e3:.4g} and {c.volume_2 * 1e3:.4g} L"),
         ("Pump displacement", f"{unit.pump.displacement * 1e6 * 2 * math.pi:.4g} cm³/rev"),
-        ("Leakage coefficient", f"{leakage} × 10⁻¹² m³/(s·Pa) at {oil.reference_temperature:g} °C"),
+        ("Leakage coefficient", f"{leakage} × 10⁻¹² m³/(s·Pa) at {oil.reference_temperature:.3g} °C"),
         ("Effective bulk modulus", f"{modulus} MPa at {oil.reference_pressure * 1e-5:.3g} bar"),
         ("Coulomb friction", f"{f.forward.coulomb:.4g} N forward, {f.reverse.coulomb:.4g} N reverse"),
         ("Fastest pump speed", f"{unit.drive.max_speed * 30.0 / math.pi:.4g} rpm"),

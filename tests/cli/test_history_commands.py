@@ -139,7 +139,7 @@ def test_two_logs_compared(run, life: Path, tmp_path: Path) -> None:
         assert word in result.stdout
     assert "run05.mcap (B)" in report.read_text("utf-8")
     same = run("compare", a, a)
-    assert same.stdout.splitlines()[0] == "no change beyond uncertainty"
+    assert same.stdout.splitlines()[0] == "no estimate changed beyond its uncertainty"
 
 
 def test_wrong_input_is_one_line(run, one_line, life: Path, tmp_path: Path) -> None:

@@ -160,6 +160,20 @@ def test_an_alarm_is_told_live_once(unit: Unit, leaking: Samples) -> None:
     assert pipeline.largest_score > pipeline.threshold
 
 
+@pytest.mark.parametrize(("early", "kept"), [(8.0, False), (2.0, True)])
+def test_an_alarm_well_before_the_onset_did_not_detect_it(
+    unit: Unit, leaking: Samples, early: float, kept: bool
+) -> None:
+    pipeline = pushed(unit, leaking, [])
+    alarms = pipeline._acute.active.alarms
+    alarm = alarms["leakage"]
+    alarms["leakage"] = alarm.model_copy(update={"detected_s": ONSET_S - early})
+    (found,) = pipeline.finish().faults
+    assert found.onset_s == pytest.approx(ONSET_S, abs=1.0)
+    # Near it, the onset has moved; before that, something else raised it.
+    assert (found.detected_s == found.onset_s) if kept else (found.detected_s > ONSET_S + 5.0)
+
+
 def test_state_of_another_unit_or_version_is_refused(unit: Unit, leaking: Samples) -> None:
     state = pushed(unit, leaking.rows(0, 3_000), []).state()
     with pytest.raises(InputError, match="axis_a"):

@@ -235,6 +235,16 @@ def test_little_or_broken_data_still_makes_a_page(case: Callable[..., Any]) -> N
     assert "since an unknown time" in page.text.replace("\u00a0", " ")
 
 
+def test_names_of_lines_that_lie_close_stand_in_rows(case: Callable[..., Any]) -> None:
+    made = case("faulty")
+    one = made.diagnosis.faults[0]
+    made.diagnosis.faults = [one, one.model_copy(update={"onset_s": one.onset_s + 0.3})]
+    notes = Page(render_report(*made.arguments())).figures["measured-position"]["layout"]["annotations"]
+    marks = [n for n in notes if n["text"].split()[0] in ("onset", "detected")]
+    assert len(marks) == 4
+    assert len({(n["xanchor"], n["yshift"]) for n in marks}) == 4
+
+
 def test_two_trackers_that_say_the_same_are_one_line_and_where_they_differ_two(
     case: Callable[..., Any],
 ) -> None:
