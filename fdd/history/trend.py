@@ -134,8 +134,8 @@ def _fit(
         return [Point(log=log, at=float(t), value=float(v), std=float(s)) for log, t, v, s in rows]
 
     if len(shown) < LEAST_LOGS or span <= 0.0:
-        count = f"{len(shown)} {each}" + ("" if len(shown) == 1 else "s")
-        why = f"{count} tell of it; a line needs {LEAST_LOGS}, at several times"
+        count = f"{len(shown)} {each} shows" if len(shown) == 1 else f"{len(shown)} {each}s show"
+        why = f"{count} it; a line needs {LEAST_LOGS}, at several times"
         untold = Trend(
             quantity=name, temperature="not taken out", sentence=why, points=as_points(factors, stds)
         )

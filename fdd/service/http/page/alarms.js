@@ -91,7 +91,7 @@ export function alarmsView(app) {
     title: "Alarms", node: [h("h1", {}, "Alarms"), head, list],
     update: () => {
       const fresh = app.alarms.filter(isFresh).length;
-      head.textContent = app.alarms.length ? `${many(app.alarms.length, "alarm stands", "alarms stand")}, ${fresh} of them unacknowledged.` : "";
+      head.textContent = app.alarms.length ? `${many(app.alarms.length, "alarm stands", "alarms stand")}, ${fresh} unacknowledged.` : "";
       showIfNew(list, [app.alarms, minute(), app.session], () => alarmList(app, app.alarms));
     },
   };

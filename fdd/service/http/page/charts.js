@@ -12,14 +12,15 @@ function ticks(low, high, about) {
   return out;
 }
 
-// A path that breaks where a value is missing.
+// A path that breaks where a value is missing; a value alone is a ring.
 function line(time, values, x, y) {
-  let path = "", down = false;
+  const missing = (k) => values[k] === null || values[k] === undefined;
+  let path = "";
   for (let k = 0; k < time.length; k++) {
-    const v = values[k];
-    if (v === null || v === undefined) { down = false; continue; }
-    path += `${down ? "L" : "M"}${x(time[k]).toFixed(1)} ${y(v).toFixed(1)}`;
-    down = true;
+    if (missing(k)) continue;
+    const first = k === 0 || missing(k - 1), alone = first && (k === time.length - 1 || missing(k + 1));
+    path += `${first ? "M" : "L"}${x(time[k]).toFixed(1)} ${y(values[k]).toFixed(1)}`;
+    if (alone) path += "m-2.5 0a2.5 2.5 0 1 0 5 0a2.5 2.5 0 1 0 -5 0";
   }
   return path;
 }
@@ -87,7 +88,7 @@ export function chart({ title, unit = "", time, rows, scale = 1, mark, at = [], 
     if (!all.length || width < 60) { holder.replaceChildren(h("p", { class: "soft" }, empty)); return; }
     let low = Math.min(...bounds(all), level ?? Infinity), high = Math.max(...bounds(all), level ?? -Infinity);
     if (floor !== undefined) { low = 0; high = Math.max(high, floor); }
-    const pad = (high - low || Math.abs(high) || 1) * 0.06;
+    const pad = Math.max((high - low) * 0.06, Math.abs(high) * 0.01) || 0.06; // ticks of three digits stay apart
     high += pad; if (floor === undefined) low -= pad;
     const begin = time[0], end = time[time.length - 1];
     const x = (t) => LEFT + ((t - begin) / (end - begin || 1)) * (width - LEFT - RIGHT);
