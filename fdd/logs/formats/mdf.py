@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import mmap
+import struct
 from contextlib import redirect_stdout, suppress
 from functools import partial
 from io import StringIO
@@ -33,6 +35,7 @@ def open_mdf(path: Path) -> TreeFile:
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # it tells of each oddity on standard error
     groups: dict[str, Group] = {}
     with readable("damaged MDF file", path):
+        _require_ends(path)
         try:
             with redirect_stdout(StringIO()):  # it prints what it cannot make sense of
                 file = MDF(path)
@@ -56,6 +59,28 @@ def open_mdf(path: Path) -> TreeFile:
     found = tree_file(path, groups)
     found.start_ns = int(start.timestamp() * 1e9) if start is not None and start.year > 1970 else 0
     return found
+
+
+_LINKS = {"group": ("group", "rate", "data"), "rate": ("rate", "channel"), "channel": ("channel",)}
+"""Kinds that a block's first links lead to, as the library follows them, whatever stands there."""
+
+
+def _require_ends(path: Path) -> None:
+    """Refuse blocks whose links come back to one of them: the library would follow them for ever."""
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as raw:
+        newer = raw[8:9] >= b"4"
+        start, form = (24, "<3q") if newer else (4, "<3I" if raw[24:26] == bytes(2) else ">3I")
+        todo, seen = [("group", *struct.unpack_from(form.replace("3", ""), raw, 64 + start))], set[Any]()
+        while todo:
+            kind, at = todo.pop()
+            if not 0 < at <= len(raw) - start - struct.calcsize(form):
+                continue  # the last one, or a link that the library refuses
+            if (kind, at) in seen:
+                raise InputError("damaged MDF file (its blocks go round)", where=path, mend="copy it again")
+            seen.add((kind, at))
+            # Of data only lists lead further.
+            leads = _LINKS.get(kind, ("data",) * (raw[at : at + 4] in (b"##DL", b"##HL")))
+            todo += zip(leads, struct.unpack_from(form, raw, at + start), strict=False)
 
 
 def _declared(group: Any, rows: int) -> int:
