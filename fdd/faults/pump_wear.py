@@ -14,7 +14,7 @@ FAULT = Fault(
     thesis="Table 4.1",
     plant="volumetric loss that grows with pressure and speed, more flow ripple",
     severity="cross-port leakage +12e-12 m³/(s·Pa) at 100 rad/s, displacement -2 %, flow ripple +5 %; "
-    "or a tenth of the displacement, where what is lost goes by speed alone",
+    "or a tenth of the displacement, where what is lost goes by speed alone; or that leakage at any speed",
     amounts=(Amount(12, "e-12 m³/(s·Pa)", "fault_leakage"),),
     source=ASSUMED,
     next_check="Measure the leakage across the ports at one pressure, at low and at full speed: only a "
@@ -49,8 +49,8 @@ FAULT = Fault(
         ),
         Effect("ripple", "add", "pump_wear_ripple", laws=("mixed", "displacement", "gap")),
     ),
-    # Gears wear slowly. What a worn one loses goes by pressure and speed, or by speed alone: how much of
-    # either differs from pump to pump.
+    # Gears wear slowly. What a worn one loses goes by pressure and speed, by speed alone at its teeth, or by
+    # pressure alone at its sides: how much of each differs from pump to pump.
     signatures=(
         Signature(
             "pump wear",
