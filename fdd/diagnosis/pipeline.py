@@ -276,9 +276,8 @@ class Pipeline:
         self.fitted = []
         duration = float(self._last_time - self._first_time) if self._count else 0.0
         faults = [sensor_fault(f) for f in self._sensors.findings()]
-        hydraulic: list[FaultFinding] = []
+        hydraulic, score = list[FaultFinding](), 0.0
         unseen = []
-        score = 0.0
         rest = self._bins.rest()
         self._history.push(*rest)
         for added in self._added:
@@ -289,11 +288,11 @@ class Pipeline:
             hydraulic, score = evaluation.findings, evaluation.stands
             self.fitted = evaluation.evidence.alone
             unseen = invisible(evaluation.evidence, self._hypotheses, even)
-        for finding in hydraulic:
-            first = self._acute.active.alarms.get(finding.family)
+        for f in hydraulic:
+            first = self._acute.active.alarms.get(f.family)
             # An alarm before its onset was raised for something else; an onset may move by a scan.
-            if first is not None and first.detected_s > finding.onset_s - SCAN_FRAMES * FRAME_S:
-                finding.detected_s = max(first.detected_s, finding.onset_s)
+            if first is not None and first.detected_s > f.onset_s - SCAN_FRAMES * FRAME_S:
+                f.detected_s = max(first.detected_s, f.onset_s)
         # An alarm stays, though its onset has left the window.
         start = self._history.frames[0] * FRAME_S if self._history.frames else 0.0
         hydraulic += self._acute.active.past({f.family for f in hydraulic}, start)
