@@ -24,11 +24,7 @@ from fdd.plant.oil import air_compliance
 from fdd.plant.truth import Truth
 from fdd.unit import Unit
 
-HAD, NEVER, UNSIGNED = (
-    "law with a signature, or in the training",
-    "law it never saw",
-    "fault without a signature",
-)
+HAD, NEVER, UNSIGNED = "law of signatures or training", "law it never saw", "fault without a signature"
 SETTLED_S = 5.0
 """After the start and after a fault's step the estimators are given this long."""
 

@@ -1,23 +1,6 @@
 """Case drain seal failure: oil goes from the ports into the case and so into the accumulator."""
 
-from functools import partial
-
-from fdd.faults.entry import (
-    ASSUMED,
-    LEAKAGE,
-    Amount,
-    Columns,
-    Effect,
-    Fault,
-    Figure,
-    Healthy,
-    Signature,
-)
-
-
-def _one_port(port: int, unit: Healthy) -> Columns:
-    return {"volume": {f"outside_{port}": 4.0 * unit.leakage_ratio}}
-
+from fdd.faults.entry import ASSUMED, LEAKAGE, Amount, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
     id="case_drain_seal_failure",
@@ -43,9 +26,17 @@ FAULT = Fault(
     # What one port loses is missing in its chamber as if it went outside, but not in the accumulator.
     signatures=(
         Signature("case", lambda unit: {"volume": {"case": 2.0 * unit.leakage_ratio}}, commonness=0.25),
-        *(
-            Signature(f"case {port}", partial(_one_port, port), law="one", commonness=0.125)
-            for port in (1, 2)
+        Signature(
+            "case 1",
+            lambda unit: {"volume": {"outside_1": 4.0 * unit.leakage_ratio}},
+            law="one",
+            commonness=0.125,
+        ),
+        Signature(
+            "case 2",
+            lambda unit: {"volume": {"outside_2": 4.0 * unit.leakage_ratio}},
+            law="one",
+            commonness=0.125,
         ),
     ),
 )

@@ -70,7 +70,7 @@ def test_people_are_told_verdict_evidence_and_estimates(run, logs, tiny_model_fi
     shown = run("diagnose", logs["leaking"], "--model", tiny_model_file).stdout
     text = " ".join(re.sub(r"[│•]", " ", shown).split())
     # A pump worn at its sides leaks alike.
-    what = r"! Internal leakage( \(\d+ %\) or pump gear wear \(\d+ %\))?"
+    what = r"! Internal leakage \(\d+ %\) or pump gear wear \(\d+ %\)"
     assert re.search(what + r", since [5-9]\.\d s, severity 0\.\d\d, \S+ ?\d+ % sure", text)
     assert "The balance of the chambers' oil does not close from" in text
     assert re.search(r"Severity between 0\.\d\d and \d\.\d\d \(80 %\)", text)
