@@ -20,7 +20,8 @@ SAME_EFFECT = 0.5
 """Correlation of columns from which two hypotheses explain the same change."""
 GROUP_SHARE = 0.05
 """Share of the posterior from which a fault belongs to the answer's ambiguity group."""
-MOST_FAULTS = 3
+MOST_FAULTS, MOST_FINDINGS = 3, 6
+"""Faults of an answer, and findings that these are sought among: a biased transducer shows in two balances."""
 USUAL_SIZE = 0.5
 """Mode of the prior of a severity (Rayleigh's distribution)."""
 SECOND_FAULT = 2.0
@@ -89,7 +90,7 @@ def decide(
         ]
         against = SECOND_FAULT if found else 0.0
         score = max((f.score for f in fits), default=against) - against
-        if score < threshold or len(found) == MOST_FAULTS:
+        if score < threshold or len(_each_once(found)) == MOST_FAULTS or len(found) == MOST_FINDINGS:
             for f in found:
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left)

@@ -92,6 +92,19 @@ def test_of_faults_in_balances_apart_the_surest_leads() -> None:
     assert [f.lead.hypothesis.fault for f in found] == ["other", "leak"]
 
 
+def test_two_signatures_of_one_fault_count_as_one_of_three() -> None:
+    """Three faults stand in the volume balance; the first shows in three other balances as well."""
+    onsets = {"leak": 20, "drift": 45, "third": 70}
+    by_label = {"leak": LEAK, "drift": DRIFT, "third": THIRD}
+    evidence = drawn(1, [(h, 0.6, onsets[name]) for name, h in by_label.items()])
+    elsewhere = []
+    for seed, name in enumerate(("torque", "reservoir", "coherence")):
+        evidence.balances[name] = drawn(50 + seed, [(LEAK, 0.9, 20)]).balances["volume"]
+        elsewhere.append(Hypothesis("leak", name, {name: LEAK.columns["volume"]}, 0.7, True))
+    found, _ = decide(evidence, [*elsewhere, *by_label.values()], 4.0)
+    assert {f.lead.hypothesis.fault: f.lead.onset for f in found} == pytest.approx(onsets, abs=2)
+
+
 def test_what_is_small_and_comes_along_with_a_fault_is_a_part_of_it() -> None:
     def told(onset: int, amplitude: float) -> set[str]:
         found, _ = decide(drawn(4, [(LEAK, 0.9, 30), (DRIFT, amplitude, onset)]), [LEAK, DRIFT], 5.0)
