@@ -253,15 +253,16 @@ def _torque(q: Quantities) -> list[RegressionBlock]:
 
 def _shaft(q: Quantities) -> list[RegressionBlock]:
     scales = q.scales
-    y = q.take["motor_current"] / scales.current
+    y = q.take["windowed_current"] / scales.current
     drop = np.where(q.chambers_measured, q.drop, q.difference_measured) / scales.pressure
     turning = np.full_like(y, np.nan)
     turning[1:-1] = 0.5 * (q.speed[2:] - q.speed[:-2]) / BIN_S
     turning *= q.unit.drive.inertia / (q.unit.drive.torque_constant * scales.current)
     lines = []
     for order in ORDERS:
-        # A bin is a mean over 10 ms: a fast line is lower in it.
-        seen = np.sinc(order * q.speed * BIN_S / (2.0 * np.pi))
+        # A Hann window of two bins: a fast line is lower in it.
+        turns = order * q.speed * BIN_S / np.pi
+        seen = np.sinc(turns) + 0.5 * (np.sinc(turns - 1.0) + np.sinc(turns + 1.0))
         lines += [seen * np.cos(order * q.angle), seen * np.sin(order * q.angle)]
     x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
     # A bin late, as the acceleration asks for the next bin: else the last one at hand would be lost.

@@ -204,3 +204,22 @@ def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(rate: int, ban
     for k in (1, 2):
         alone = column(bins, f"pressure_{k}_noise")[FRAME_BINS:] * np.sqrt(rate * BIN_S)
         assert np.median(alone) == pytest.approx(k * 5e3, rel=0.06)
+
+
+@pytest.mark.parametrize("hz", [130.0, 166.3, 283.0])
+def test_what_is_faster_than_the_bins_is_hardly_in_a_windowed_current(hz: float) -> None:
+    """A fast tone comes out an eighth of what plain means have of it at most; a slow one by the window's
+    response."""
+    samples = moving(seconds=3.0)
+    bins = {}
+    for f in (hz, 15.0):
+        tone = np.cos(2.0 * np.pi * f * samples.time)
+        bins[f] = bins_of(Samples(samples.time, {**samples.columns, "motor_current": tone}))
+    fast = column(bins[hz], "windowed_current")
+    inside = np.arange(fast.size) % FRAME_BINS % (FRAME_BINS - 1) > 0
+    assert np.isnan(fast[~inside]).all() and np.isfinite(fast[inside]).all()
+    assert np.std(fast[inside]) < np.std(column(bins[hz], "motor_current")) / 8.0
+    middle = (np.arange(fast.size) + 0.5) * BIN_S
+    seen = np.sinc(0.3) + 0.5 * (np.sinc(-0.7) + np.sinc(1.3))
+    slow = column(bins[15.0], "windowed_current")[inside]
+    assert slow == pytest.approx(seen * np.cos(2.0 * np.pi * 15.0 * middle[inside]), abs=0.02)
