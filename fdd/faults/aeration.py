@@ -26,11 +26,22 @@ FAULT = Fault(
         *(Effect(f"air_{k}", "add", "free_air", laws=("exchange", f"chamber_{k}")) for k in (1, 2)),
         Effect("ingress", "add", "free_air", laws=("ingress",)),
     ),
-    # Air is softer than oil: the chambers give way, and a pump delivers less of what it draws in.
+    # Air is softer than oil: the chambers give way, and a pump delivers less of what it draws in. Two of four
+    # laws have it in both chambers.
     signatures=(
         Signature(
             "air",
             lambda unit: {"volume": {"air": 1.0, "air_filled": max(unit.mean("volume", "filled"), 0.0)}},
+            commonness=1 / 2,
+        ),
+        *(
+            Signature(
+                f"air {side}",
+                lambda unit, sign=sign: {"volume": {"air": 0.5, "air_sides": sign * 0.5}},
+                law=f"chamber_{side}",
+                commonness=1 / 4,
+            )
+            for side, sign in ((1, 1.0), (2, -1.0))
         ),
     ),
 )

@@ -150,6 +150,7 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
             oil_volume * (stiff + air) * dp,
             oil_volume * AERATION * free * dp + swept * gas,
             sign * np.abs(swept) * gas,
+            AERATION * (sign * oil_volume * free * dp - swept * (q.chambers[1].gas + q.chambers[2].gas)),
             lag,
             oil_volume * stiff * change(dp),
             swept * denser,
@@ -169,8 +170,9 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
         noise = np.zeros((y.size, 2, x.shape[1]))
         noise[:, 0, 1] = oil_volume * (stiff + air) * q.noise[side]
         noise[:, 0, 2] = oil_volume * AERATION * free * q.noise[side]
-        noise[:, 0, 5] = oil_volume * stiff * q.noise[side]
-        noise[:, 1, 5] = -noise[:, 0, 5]
+        noise[:, 0, 4] = sign * noise[:, 0, 2]
+        noise[:, 0, 6] = oil_volume * stiff * q.noise[side]
+        noise[:, 1, 6] = -noise[:, 0, 6]
         out.append(RegressionBlock(y, x, ok, np.nan_to_num(noise)))
     return out
 
@@ -382,7 +384,7 @@ BALANCES: dict[str, Balance] = {
     for b in (
         Balance(
             "volume", "the chambers' oil",
-            ("gain", "compliance", "air", "air_filled", "lag", "sensor_lag", "density", "filled",
+            ("gain", "compliance", "air", "air_filled", "air_sides", "lag", "sensor_lag", "density", "filled",
              "leak", "leak_square", "case", "wear",
              "relief_12", "relief_21", "valve_1", "valve_2", "outside_1", "outside_2"),
             _volume, settle=8, cumulative=True, laminar=("leak", "leak_square", "case", "wear"),

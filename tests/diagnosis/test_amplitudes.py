@@ -28,6 +28,8 @@ CASES = {
     "loose": ("seal_wear", "push", {"variant": "loose"}),
     "tight": ("seal_wear", "spring", {"variant": "tight"}),
     "air": ("aeration", "gust", {}),
+    "air 1": ("aeration", "gust", {"law": "chamber_1"}),
+    "air 2": ("aeration", "gust", {"law": "chamber_2"}),
     "valve 1": ("check_valve_stuck_open", "push", {"side": 1}),
     "valve 2": ("check_valve_stuck_open", "pull", {"side": 2}),
     "relief": ("relief_valve_stuck_open", "spring", {}),

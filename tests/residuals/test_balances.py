@@ -116,7 +116,7 @@ def test_what_a_pump_compresses_is_found(filled: float) -> None:
     unit = Unit.load("axis_a")
     unit.oil.bulk_modulus, unit.oil.air_fraction = 6e7, 0.001
     scenario = Scenario(
-        duration=40.0,
+        duration=45.0,
         duty={"name": "constant_speed", "speeds": [60.0, 120.0, 200.0], "turn": 8.0, "amplitude": 0.05},
         control={"mode": "speed"},
         load={"name": "throttle", "pressure": 2.2e6},
