@@ -21,7 +21,8 @@ SAME_EFFECT = 0.5
 GROUP_SHARE = 0.05
 """Share of the posterior from which a fault belongs to the answer's ambiguity group."""
 MOST_FAULTS, MOST_FINDINGS = 3, 6
-"""Faults of an answer, and findings that these are sought among: a biased transducer shows in two balances."""
+"""Faults of an answer, and findings that these are sought among: a biased transducer shows in two
+balances."""
 USUAL_SIZE = 0.5
 """Mode of the prior of a severity (Rayleigh's distribution)."""
 SECOND_FAULT = 2.0

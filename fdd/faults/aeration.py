@@ -34,14 +34,17 @@ FAULT = Fault(
             lambda unit: {"volume": {"air": 1.0, "air_filled": max(unit.mean("volume", "filled"), 0.0)}},
             commonness=1 / 2,
         ),
-        *(
-            Signature(
-                f"air {side}",
-                lambda unit, sign=sign: {"volume": {"air": 0.5, "air_sides": sign * 0.5}},
-                law=f"chamber_{side}",
-                commonness=1 / 4,
-            )
-            for side, sign in ((1, 1.0), (2, -1.0))
+        Signature(
+            "air 1",
+            lambda unit: {"volume": {"air": 0.5, "air_sides": 0.5}},
+            law="chamber_1",
+            commonness=1 / 4,
+        ),
+        Signature(
+            "air 2",
+            lambda unit: {"volume": {"air": 0.5, "air_sides": -0.5}},
+            law="chamber_2",
+            commonness=1 / 4,
         ),
     ),
 )
