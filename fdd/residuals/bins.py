@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
-from fdd.residuals.compiled import njit
-from fdd.residuals.hidden_pressures import chambers_from_difference
+from fdd.residuals.filters import follow, friction, windowed_means
+from fdd.residuals.hidden_pressures import DRAINS, sure_mean_pressure
 from fdd.residuals.oil import viscosity_ratio
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -38,20 +38,11 @@ TAIL_BINS = 50
 PRESLIDING_TRAVEL_M = 5e-4
 """m, presliding travel of a seal until it breaks away: elastomer seals give 0.1 to 0.5 mm before they
 slide."""
-LUBRICATION_LAG_S = 0.03
-"""s, lag of the lubricating film, and with it of the falling part of friction, behind the sliding speed: 5 to
-60 ms by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi
-10.1016/0005-1098(94)90209-7)."""
-
 GAS_S = 6.0
 """s in which an accumulator's gas takes its shell's temperature: 2 to 20 s for 0.1 to 5 l (Pourmovahed and
 Otis 1990, doi 10.1115/1.2894128)."""
 WARMING_S = (10.0, 60.0)
 """s over which two means of the oil's temperature are taken, whose difference is its rate."""
-
-DRAINS = (1.0, 0.5, 2.0)
-"""Case leakage over the profile's, by which hidden chamber pressures are followed: data sheets are off by
-40 %, and no sensor shows how the chambers drain."""
 
 PAUSE_S = 30.0
 """s without samples from which there are no frames: a week of short runs costs no more than the runs."""
@@ -84,77 +75,6 @@ LOWER_QUARTILE = np.array(
 plotting positions (1978, doi 10.1016/0022-1694(78)90017-3)."""
 
 
-@njit()
-def _friction(
-    step: Array,
-    dt: Array,
-    state: Array,
-    forward: Array,
-    reverse: Array,
-    stiffness: float,
-    out: Array,
-    film: Array,
-) -> None:
-    """Prandtl's stop operator whose yield is Stribeck's curve (thesis eq. 5.12): a healthy seal's friction.
-
-    Parameters
-    ----------
-    step : (n,) m of the piston. dt : (n,) s.
-    state : (2,) N and m/s, the seal's force and its film's speed; kept for the next call.
-    forward, reverse : (4,) Coulomb, static, Stribeck's speed and exponent.
-    out : (n,) N, against extension. film : (n,) m/s, of sliding.
-    """
-    for k in range(step.size):
-        tried = state[0] + stiffness * step[k]
-        branch = forward if tried >= 0.0 else reverse
-        most = branch[0] + (branch[1] - branch[0]) * np.exp(-((abs(state[1]) / branch[2]) ** branch[3]))
-        state[0] = min(most, max(-most, tried))
-        slid = (tried - state[0]) / stiffness
-        state[1] += (slid - state[1] * dt[k]) / (LUBRICATION_LAG_S + dt[k])
-        out[k], film[k] = state[0], state[1]
-
-
-@njit()
-def _follow(values: Array, state: Array, decay: Array, out: Array) -> None:
-    """First-order lags behind a signal, (n, lags); a missing value leaves them as they are.
-
-    Parameters
-    ----------
-    state : (lags,), NaN before the first; kept for the next call. decay : (lags,), share that a bin closes.
-    """
-    for k in range(values.size):
-        if np.isfinite(values[k]):
-            for i in range(state.size):
-                state[i] = values[k] if np.isnan(state[i]) else state[i] + decay[i] * (values[k] - state[i])
-        out[k] = state
-
-
-@njit()
-def _windowed(time: Array, values: Array, bin_of: NDArray[np.int64], first: int, out: Array) -> None:
-    """Means under Hann windows of two bins about the middle of each; NaN at the ends of frames.
-
-    From 100 Hz on they pass a tenth or less of what a bin's mean passes and the bins' rate folds onto slower
-    lines, as a gear pump's ten teeth onto twice a turn at 16.7 turns a second.
-
-    Parameters
-    ----------
-    time, values, bin_of : (n,) s, samples, and their bins. first : bin of the grid that `out` begins with.
-    """
-    weights = np.zeros(out.size)
-    out[:] = 0.0
-    for i in range(values.size):
-        if np.isfinite(values[i]):
-            for k in range(max(bin_of[i] - 1, 0), min(bin_of[i] + 2, out.size)):
-                off = time[i] / BIN_S - (first + k + 0.5)
-                if abs(off) < 1.0:
-                    w = 1.0 + np.cos(np.pi * off)
-                    out[k] += w * values[i]
-                    weights[k] += w
-    for k in range(out.size):
-        inside = 0 < k % FRAME_BINS < FRAME_BINS - 1 and weights[k] > 0.0
-        out[k] = out[k] / weights[k] if inside else np.nan
-
-
 @dataclass
 class BinMaker:
     """Samples in, bins of complete frames out.
@@ -183,7 +103,7 @@ class BinMaker:
 
     _hidden: Array = field(default_factory=lambda: np.tile([np.nan, 0.0, np.nan], (len(DRAINS), 1)))
     _tank: float = np.nan
-    """What `chambers_from_difference` goes on from, and the accumulator's pressure as last known, Pa."""
+    """What `sure_mean_pressure` goes on from, and the accumulator's pressure as last known, Pa."""
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
         """Bins of the frames that the samples complete, `together` at a time.
@@ -307,9 +227,9 @@ class BinMaker:
             for k in np.flatnonzero(seldom.any(axis=0)):
                 mine = np.flatnonzero(seldom[:, k])
                 out[bin_of[mine], k] = data[mine, k]
-        _windowed(
-            samples.time, data[:, COLUMNS["motor_current"]], bin_of, first * FRAME_BINS,
-            out[:, COLUMNS["windowed_current"]],
+        windowed_means(
+            samples.time, data[:, COLUMNS["motor_current"]], bin_of,
+            (first * FRAME_BINS, BIN_S, FRAME_BINS), out[:, COLUMNS["windowed_current"]],
         )  # fmt: skip
         if "oil_temperature" in samples.channels:  # slow, and comes when it likes
             celsius = samples["oil_temperature"]
@@ -326,45 +246,26 @@ class BinMaker:
         return out
 
     def _chambers(self, bins: Array) -> None:
-        """Fill the chambers' mean pressure by their difference, for logs that measure no more.
-
-        NaN where it depends on `DRAINS` whether a valve feeds the lower chamber: the higher one's pressure
-        then rises by all that the difference does, or by half.
-        """
-        difference, accumulator, celsius, noise = (
-            bins[:, COLUMNS[n]]
-            for n in (
-                "pressure_difference",
-                "pressure_accumulator",
-                "temperature",
-                "pressure_difference_noise",
-            )
-        )
+        """Fill the chambers' mean pressure by their difference, for logs that measure no more."""
+        accumulator, celsius = (bins[:, COLUMNS[n]] for n in ("pressure_accumulator", "temperature"))
         there = np.isfinite(accumulator)
         latest = np.maximum.accumulate(np.where(there, np.arange(there.size), -1))
         tank = np.where(latest >= 0, accumulator[latest], self._tank)
         self._tank = float(tank[-1])
         warm = np.where(np.isfinite(celsius), celsius, self.unit.oil.reference_temperature)
-        viscosity = viscosity_ratio(self.unit.oil, warm)
-        fed, means = [], []
-        for drain, state in zip(DRAINS, self._hidden, strict=True):
-            mean, filled = chambers_from_difference(
-                difference, bins[:, COLUMNS["position"]], BIN_S, self.unit, tank, noise=noise,
-                viscosity=viscosity / drain, state=state,
-            )  # fmt: skip
-            rise = np.maximum(0.5 * np.abs(difference) - 0.5 * np.nan_to_num(noise), 0.0)
-            fed.append(mean <= filled - self.unit.accumulator.refeed_cracking_pressure + rise + 1.0)
-            means.append(mean)
-        alike = np.all(fed, axis=0) | ~np.any(fed, axis=0)
-        bins[:, COLUMNS["mean_pressure"]] = np.where(alike, means[0], np.nan)
+        bins[:, COLUMNS["mean_pressure"]] = sure_mean_pressure(
+            bins[:, COLUMNS["pressure_difference"]], bins[:, COLUMNS["position"]], BIN_S, self.unit, tank,
+            noise=bins[:, COLUMNS["pressure_difference_noise"]],
+            viscosity=viscosity_ratio(self.unit.oil, warm), states=self._hidden,
+        )  # fmt: skip
 
     def _heat(self, bins: Array) -> None:
         """Fill what the accumulator's gas has of the work done on it (ln Pa), and the oil's warming (K/s)."""
         pressure = bins[:, COLUMNS["pressure_accumulator"]] + ATMOSPHERE_PA
         known = np.log(np.where(pressure > 0.0, pressure, np.nan))
         slow, warm = np.empty((len(bins), 1)), np.empty((len(bins), len(WARMING_S)))
-        _follow(known, self._lags[:1], np.array([BIN_S / GAS_S]), slow)
-        _follow(bins[:, COLUMNS["temperature"]], self._lags[1:], BIN_S / np.array(WARMING_S), warm)
+        follow(known, self._lags[:1], np.array([BIN_S / GAS_S]), slow)
+        follow(bins[:, COLUMNS["temperature"]], self._lags[1:], BIN_S / np.array(WARMING_S), warm)
         bins[:, COLUMNS["gas_heat"]] = known - slow[:, 0]
         rate = (warm[:, 0] - warm[:, 1]) / (WARMING_S[1] - WARMING_S[0])
         bins[:, COLUMNS["warming"]] = np.nan_to_num(rate)
@@ -427,7 +328,7 @@ class BinMaker:
             for b in (f.forward, f.reverse)
         )
         out, film = np.empty(step.size), np.empty(step.size)
-        _friction(
+        friction(
             step,
             dt,
             self._seal,

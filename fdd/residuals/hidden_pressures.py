@@ -29,6 +29,9 @@ def needs_pilots(unit: Unit) -> bool:
     return not PLAIN < unit.cylinder.area_2 / unit.cylinder.area_1 < 1.0 / PLAIN
 
 
+DRAINS = (1.0, 0.5, 2.0)
+"""Case leakage over the profile's, by which the mean is followed: data sheets are off by 40 %, and no sensor
+shows how the chambers drain."""
 NEWTON_STEPS, LEAST_PA = 3, 1e4
 """Steps in which the mean pressure is found, and the absolute pressure below which oil cavitates."""
 
@@ -154,3 +157,29 @@ def chambers_from_difference(
         np.array([np.nan, 0.0, np.nan]) if state is None else state, mean,
     )  # fmt: skip
     return mean, level
+
+
+def sure_mean_pressure(
+    difference: Array, position: Array, period: float, unit: Unit, accumulator: Array, *, noise: Array,
+    viscosity: Array, states: Array,
+) -> Array:  # fmt: skip
+    """Mean chamber pressure (n,) Pa, NaN where `DRAINS` disagree whether a valve feeds the lower chamber.
+
+    The higher chamber's pressure then rises by all that the difference does, or by half.
+
+    Parameters
+    ----------
+    states : (len(DRAINS), 3), NaN, 0 and NaN at first; kept for the bins that follow. Others as of
+        `chambers_from_difference`.
+    """
+    rise = np.maximum(0.5 * np.abs(difference) - 0.5 * np.nan_to_num(noise), 0.0)
+    fed, means = [], []
+    for drain, state in zip(DRAINS, states, strict=True):
+        mean, tank = chambers_from_difference(
+            difference, position, period, unit, accumulator, noise=noise, viscosity=viscosity / drain,
+            state=state,
+        )  # fmt: skip
+        fed.append(mean <= tank - unit.accumulator.refeed_cracking_pressure + rise + 1.0)
+        means.append(mean)
+    alike = np.all(fed, axis=0) | ~np.any(fed, axis=0)
+    return np.where(alike, means[0], np.nan)

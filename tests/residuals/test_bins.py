@@ -17,10 +17,10 @@ from fdd.residuals.bins import (
     FAST,
     FRAME_BINS,
     FRAME_S,
-    LUBRICATION_LAG_S,
     PRESLIDING_TRAVEL_M,
     BinMaker,
 )
+from fdd.residuals.filters import LUBRICATION_LAG_S
 from fdd.samples import Samples
 from fdd.unit import Unit
 
