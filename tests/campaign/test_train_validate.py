@@ -322,9 +322,6 @@ def test_the_summary_counts_what_was_found_and_what_was_answered() -> None:
     assert rows["EKF leakage"] == ["3.0 %", "4.6 %", "3 of 4", "50 %"]
 
 
-LEAK, WORN, AIR = "internal_leakage", "pump_wear", "aeration"
-
-
 def test_a_relief_valve_whose_setting_fell_may_relieve() -> None:
     """Else every log in which it shows would be drawn anew."""
     run = simulate(Unit.load("axis_a"), Scenario(
