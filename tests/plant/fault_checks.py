@@ -380,7 +380,7 @@ def position_sensor_slip(case: Case) -> None:
     """Within 5 mm, and the controller follows it."""
     spec = case.spec.model_copy(update={"onset": 0.0})
     long, healthy = (
-        run(*faults, axis=case.axis, duration=20.0, recording=Recording.perfect()) for faults in ((spec,), ())
+        run(*faults, axis=case.axis, duration=60.0, recording=Recording.perfect()) for faults in ((spec,), ())
     )
     encoder = case.unit.sensor("position")
     slipped = long.samples["position"] - encoder.gain * long.truth["position"] - encoder.zero

@@ -142,7 +142,7 @@ def _drift(mass: np.ndarray) -> float:
 def test_oil_is_kept(case):
     """Chambers, lines, accumulators and what was lost, less what was charged: constant to 1e-6."""
     changes = {**SINGLE, **DUAL}[case]
-    out = simulate(A, _driven(4.0, 0.4, **changes), partner=B if "partner" in changes else None)
+    out = simulate(A, _driven(8.0, 0.4, **changes), partner=B if "partner" in changes else None)
     mass = out.truth["oil_mass"].copy()
     if out.partner is not None:
         mass += out.partner.truth["oil_mass"]
