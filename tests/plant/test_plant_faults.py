@@ -134,7 +134,7 @@ def test_a_fault_comes_with_the_load_or_as_the_oil_warms(profile):
 
 @pytest.mark.parametrize(
     ("law", "profile"),
-    zip(CATALOGUE["aeration"].laws, ("random", "load", "intermittent", "exponential"), strict=True),
+    [*zip(CATALOGUE["aeration"].laws, ("random", "load", "intermittent", "exponential"), strict=True)],
 )
 def test_air_that_comes_and_goes_makes_no_oil(law, profile):
     spec = FaultSpec(
