@@ -4,12 +4,8 @@ Usable on its own; ``README.md`` in this directory shows how. The EHA's own mode
 tracker are in :mod:`estimators.eha`; compiled loops call :mod:`estimators.kernels`.
 """
 
-from estimators.consistency import nees_band, nis_band, nis_test, squared_distance, standardised
 from estimators.ekf import ExtendedKalmanFilter, jacobian
 from estimators.observability import Drift, Observability, Observed
 from estimators.svsf import SVSF
 
-__all__ = [
-    "SVSF", "Drift", "ExtendedKalmanFilter", "Observability", "Observed", "jacobian", "nees_band",
-    "nis_band", "nis_test", "squared_distance", "standardised",
-]  # fmt: skip
+__all__ = ["SVSF", "Drift", "ExtendedKalmanFilter", "Observability", "Observed", "jacobian"]

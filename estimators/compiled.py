@@ -1,4 +1,5 @@
-"""Numba's ``njit``, whose compiled code is kept on disk until any source that may be part of it changes.
+"""Numba's ``njit``, whose compiled code is kept on disk until any source that may be part of it changes; and
+records of named numbers, as such code reads and writes them.
 
 Numba dates what it keeps by the function's own file. But a compiled function also holds the functions that it
 calls and the constants that it imports, and goes on with the old ones when their files change. Here each
@@ -15,12 +16,15 @@ import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_args, get_type_hints
 
 import numba
 import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
+from numpy.typing import NDArray
+
+Two = Annotated[NDArray[np.float64], 2]
 
 
 def sources_key(*folders: Path) -> str | None:
@@ -106,3 +110,23 @@ class _Kept(FunctionCache):
 
 njit = compiler(Path(__file__).parent)
 """For the functions of this package, which need nothing from others."""
+
+
+def record_of(described: type) -> np.dtype[np.void]:
+    """The NumPy record type with a class's annotated fields, each a float64 or, where `Annotated`, so many.
+
+    A field is an attribute both in Python and in compiled code, and a record is passed on by reference.
+
+    Examples
+    --------
+    >>> class Chamber:
+    ...     area: float
+    ...     pressures: Two
+    >>> chamber = np.zeros(1, record_of(Chamber))[0]
+    >>> chamber.pressures[1] = 3.0
+    >>> chamber.area, chamber.pressures
+    (np.float64(0.0), array([0., 3.]))
+    """
+    hints = get_type_hints(described, include_extras=True)
+    fields = [(name, "f8", get_args(hint)[1:]) for name, hint in hints.items()]
+    return np.dtype((np.record, fields))

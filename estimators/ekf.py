@@ -81,15 +81,14 @@ def jacobian(function: Callable[[Array], ArrayLike], x: Array, P: Array) -> Arra
 
 @dataclass
 class Correction:
-    """What an update gives: x (n,), P (n, n), gain (n, m), NIS, log likelihood; weights (m,) of the
-    channels."""
+    """What an update gives: x (n,), P (n, n), gain (n, m), NIS, log likelihood; other attributes."""
 
     x: Array
     P: Array
     K: Array
     nis: float
     log_likelihood: float
-    weights: Array
+    others: dict[str, Any]
 
 
 class ExtendedKalmanFilter:
@@ -274,7 +273,8 @@ class ExtendedKalmanFilter:
         self.S, self.H = 0.5 * (S + S.T), H
         self.x, self.P, self.K = corrected.x.reshape(shape), corrected.P, corrected.K
         self.nis, self.log_likelihood = corrected.nis, corrected.log_likelihood
-        self._accept(corrected, used)
+        for name, value in corrected.others.items():
+            setattr(self, name, value)
         self.z, self.y = measured.reshape(column), np.where(used, y, np.nan).reshape(column)
         self.channels_used = int(used.sum())
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
@@ -319,7 +319,7 @@ class ExtendedKalmanFilter:
             if (sigmas > self.robust).any():
                 wide = self._kalman(x, P, y, H, R + np.diag(S * (1.0 / weights - 1.0)), used)
                 found = (*wide[:3], *found[3:])
-        return Correction(*found, weights)
+        return Correction(*found, {"robust_weights": weights})
 
     def _kalman(
         self, x: Array, P: Array, y: Array, H: Array, R: Array, used: Mask
@@ -328,10 +328,6 @@ class ExtendedKalmanFilter:
         x, P, K = x.copy(), P.copy(), np.zeros((self.dim_x, self.dim_z))
         nis, log_likelihood = kalman_update_correlated(x, P, y, H, R, used, K)
         return x, P, K, nis, log_likelihood
-
-    def _accept(self, correction: Correction, used: Mask) -> None:
-        """Take over what an update leaves besides the usual attributes; nothing can go wrong any more."""
-        self.robust_weights = correction.weights
 
     def _state(self) -> tuple[Array, Array]:
         return vector(self.x, self.dim_x, "x"), square(self.P, self.dim_x, "P")

@@ -9,10 +9,8 @@ symbol      meaning                                        shape
 =========== ============================================== ==========
 ``x``       state estimate                                 (n,)
 ``P``       its covariance                                 (n, n)
-``F, Q``    state transition, process noise covariance     (n, n)
 ``H``       output matrix, or Jacobian of ``h`` at prior   (m, n)
 ``R``       measurement noise covariance                   (m, m)
-``R_diag``  its diagonal, for independent channels         (m,)
 ``mask``    True where a channel has a measurement         (m,)
 ``y``       innovation ``z - h(x_prior)``                  (m,)
 ``S``       innovation covariance ``H P H' + R``           (m, m)
@@ -36,39 +34,6 @@ from estimators.linalg import Array, Mask, cholesky, cholesky_solve, decorrelate
 LOG_2PI = math.log(2.0 * math.pi)
 # Share of R that breaks the tie between channels that measure the same thing.
 TIE_BREAK = 1e-6
-
-
-@njit()
-def predict_covariance(P: Array, F: Array, Q_diag: Array, out: Array) -> None:
-    """Carry a covariance over one step: ``out = F P F' + diag(Q_diag)``.
-
-    Exactly symmetric. ``out`` may be ``P`` itself.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> out = np.empty((2, 2))
-    >>> predict_covariance(np.eye(2), np.array([[1.0, 0.5], [0.0, 1.0]]), np.array([0.0, 0.1]), out)
-    >>> out
-    array([[1.25, 0.5 ],
-           [0.5 , 1.1 ]])
-    """
-    n = P.shape[0]
-    FP = np.zeros((n, n))
-    for i in range(n):
-        for k in range(n):
-            f = F[i, k]
-            if f != 0.0:
-                for j in range(n):
-                    FP[i, j] += f * P[k, j]
-    for i in range(n):
-        for j in range(i, n):
-            total = 0.0
-            for k in range(n):
-                total += FP[i, k] * F[j, k]
-            out[i, j] = total
-            out[j, i] = total
-        out[i, i] += Q_diag[i]
 
 
 @njit()
@@ -102,63 +67,6 @@ def scalar_update(P: Array, h: Array, r: float, k: Array, Ph: Array) -> float:
     return s
 
 
-@njit()
-def kalman_update(x: Array, P: Array, y: Array, H: Array, R_diag: Array, mask: Mask) -> tuple[float, float]:
-    """Kalman update with independent channels, in place, one channel after the other.
-
-    Each channel is a scalar update in Joseph form,
-    ``P <- (I - k h) P (I - k h)' + k r k'`` with ``k = P h' / (h P h' + r)``, so no
-    matrix is inverted and ``P`` stays symmetric and positive (Bierman 1977,
-    Factorization Methods for Discrete Sequential Estimation, ch. II).
-
-    Parameters
-    ----------
-    x : (n,) prior on entry, posterior on return.
-    P : (n, n) likewise.
-    y : (m,) innovation at the prior; may be NaN where masked out. Not changed.
-    H : (m, n) Jacobian at the prior.
-    R_diag : (m,) noise variances.
-    mask : (m,) False skips a channel.
-
-    Returns
-    -------
-    nis : normalised innovation squared ``y' S^-1 y`` over the channels used; chi-square
-        with as many degrees of freedom when the filter is consistent. Infinite when a
-        channel that can have no error (``h P h' + r = 0``) has one.
-    log_likelihood : ``log N(y; 0, S)`` over the channels used; 0 when there are none.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x, P = np.zeros(2), np.eye(2)
-    >>> H, y = np.eye(2), np.array([2.0, np.nan])
-    >>> nis, _ = kalman_update(x, P, y, H, np.ones(2), np.array([True, False]))
-    >>> nis, x.tolist(), np.diag(P).tolist()
-    (2.0, [1.0, 0.0], [0.5, 1.0])
-    """
-    n = x.shape[0]
-    nis = 0.0
-    log_likelihood = 0.0
-    shift = np.zeros(n)  # x - prior: later channels see what earlier ones corrected
-    Ph = np.empty(n)
-    k = np.empty(n)
-    for c in range(y.shape[0]):
-        if not mask[c]:
-            continue
-        s = scalar_update(P, H[c], R_diag[c], k, Ph)
-        e = y[c]
-        for i in range(n):
-            e -= H[c, i] * shift[i]
-        squared, likelihood = channel_likelihood(e, s)
-        nis += squared
-        log_likelihood += likelihood
-        for i in range(n):
-            shift[i] += k[i] * e
-    for i in range(n):
-        x[i] += shift[i]
-    return nis, log_likelihood
-
-
 @njit(error_model="numpy")
 def channel_likelihood(e: float, s: float) -> tuple[float, float]:
     """``e²/s`` and ``log N(e; 0, s)`` of one channel; a certain one (`s` 0) must be as predicted."""
@@ -171,11 +79,27 @@ def channel_likelihood(e: float, s: float) -> tuple[float, float]:
 def kalman_update_correlated(
     x: Array, P: Array, y: Array, H: Array, R: Array, mask: Mask, K: Array
 ) -> tuple[float, float]:
-    """Kalman update with a full ``R`` (m, m), in place.
+    """Kalman update, in place, one channel after the other.
 
-    The channels are made independent first (:func:`decorrelate`), then taken as in
-    :func:`kalman_update`, which has the parameters and results. ``K`` (n, m) is filled
-    with the gain for the original channels, zero where masked.
+    The channels are made independent first (:func:`decorrelate`). Each is then a scalar update in Joseph
+    form, ``P <- (I - k h) P (I - k h)' + k r k'`` with ``k = P h' / (h P h' + r)``, so no matrix is inverted
+    and ``P`` stays symmetric and positive (Bierman 1977, Factorization Methods for Discrete Sequential
+    Estimation, ch. II).
+
+    Parameters
+    ----------
+    x, P : (n,), (n, n) prior on entry, posterior on return.
+    y : (m,) innovation at the prior; may be NaN where masked out. Not changed.
+    H, R : (m, n), (m, m) Jacobian at the prior, and noise.
+    mask : (m,) False skips a channel.
+    K : (n, m) filled with the gain for the original channels, zero where masked.
+
+    Returns
+    -------
+    nis : normalised innovation squared ``y' S^-1 y`` over the channels used; chi-square with as many
+        degrees of freedom when the filter is consistent. Infinite when a channel that can have no error
+        (``h P h' + r = 0``) has one.
+    log_likelihood : ``log N(y; 0, S)`` over the channels used; 0 when there are none.
 
     Examples
     --------

@@ -33,7 +33,6 @@ IEEE CDC, 7389-7394; optimal layers: Gadsden and Habibi 2013, doi 10.1115/1.4006
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,17 +42,6 @@ from estimators.checks import Array, Mask, require_finite
 from estimators.ekf import Correction, ExtendedKalmanFilter, Model
 from estimators.kernels import svsf_gain
 from estimators.linalg import joseph_update, project
-
-
-@dataclass
-class SVSFCorrection(Correction):
-    """What an update of an :class:`SVSF` gives besides: posterior error (m,); over the channels used, optimal
-    layer and whether the innovation is outside; whether the gain is the SVSF's."""
-
-    after: Array
-    psi_k: Array
-    outside: Mask
-    switched: bool
 
 
 class SVSF(ExtendedKalmanFilter):
@@ -140,7 +128,7 @@ class SVSF(ExtendedKalmanFilter):
     def _correct(
         self, x: Array, P: Array, y: Array, H: Array, R: Array, used: Mask,
         innovation: Callable[[Array], Array],
-    ) -> SVSFCorrection:  # fmt: skip
+    ) -> Correction:  # fmt: skip
         found = super()._correct(x, P, y, H, R, used, innovation)
         e, H_used = y[used], np.ascontiguousarray(H[used])
         R_used = np.ascontiguousarray(R[np.ix_(used, used)])
@@ -159,15 +147,11 @@ class SVSF(ExtendedKalmanFilter):
         after = innovation(found.x)
         require_finite(found.x, "the updated state", "state")
         require_finite(after[used], "the posterior error z - h(x)", "used channel")
-        return SVSFCorrection(**vars(found), after=after, psi_k=psi_k, outside=outside, switched=switched)
-
-    def _accept(self, correction: Correction, used: Mask) -> None:
-        super()._accept(correction, used)
-        assert isinstance(correction, SVSFCorrection)
-        m = self.dim_z
-        self.e_post = np.where(used, correction.after, self.e_post)
-        self.psi_k, self.outside = np.full(m, np.nan), np.zeros(m, dtype=bool)
-        self.psi_k[used], self.outside[used] = correction.psi_k, correction.outside
-        self.switched = correction.switched
-        self.updates = self.updates + used
-        self.times_outside = self.times_outside + self.outside
+        layers, beyond = np.full(self.dim_z, np.nan), np.zeros(self.dim_z, dtype=bool)
+        layers[used], beyond[used] = psi_k, outside
+        found.others |= {
+            "e_post": np.where(used, after, self.e_post), "psi_k": layers, "outside": beyond,
+            "switched": switched, "updates": self.updates + used,
+            "times_outside": self.times_outside + beyond,
+        }  # fmt: skip
+        return found

@@ -170,7 +170,7 @@ def test_examples_are_found_in_compiled_and_in_plain_functions() -> None:
     def examples(name: str) -> set[str]:
         return {t.name for t in finder.find(importlib.import_module(name)) if t.examples}
 
-    assert "estimators.kernels.predict_covariance" in examples("estimators.kernels")
+    assert "estimators.kernels.kalman_update_correlated" in examples("estimators.kernels")
     assert "fdd.measures.measure" in examples("fdd.measures")
 
 

@@ -7,8 +7,9 @@ from typing import Annotated, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.compiled import Two, record_of
 from estimators.eha import model as eha
-from estimators.eha.records import Array, Two, record_of
+from estimators.linalg import Array
 
 # Columns of a block given to `EhaTracker.push`, SI; NaN where a channel has no value.
 TIME, POSITION, ANGLE, SPEED, PRESSURE_1, PRESSURE_2, DIFFERENCE, ACCUMULATOR, VISCOSITY = range(9)
@@ -59,7 +60,7 @@ class Memory(Protocol):
     channels: float
     log_likelihood: float
     outside: float
-    # Sums of the force balance, and how restless the load is: `estimators.eha.forces`.
+    # Sums of the force balance, and how restless the load is: `estimators.eha.corrections`.
     force: float
     velocity: float
     position: float
@@ -75,10 +76,10 @@ class Memory(Protocol):
     score_span: float
     windows: float
     streak: float
-    # Of the redundant difference: `estimators.eha.redundancy`.
+    # Of the redundant difference: `estimators.eha.corrections`.
     gap: float
     pairs: float
-    # Whether pressures move: `estimators.eha.gate`.
+    # Whether pressures move: `estimators.eha.corrections`.
     fast: Two
     slow: Two
     still: float

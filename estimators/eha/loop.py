@@ -6,9 +6,14 @@ import numpy as np
 
 from estimators.compiled import njit
 from estimators.eha import model as eha
-from estimators.eha.bounds import keep_in_bounds
-from estimators.eha.forces import ROBUST, balance_forces
-from estimators.eha.gate import keep_compliance, pressures_rest
+from estimators.eha.corrections import (
+    ROBUST,
+    balance_forces,
+    compare_sensors,
+    keep_compliance,
+    keep_in_bounds,
+    pressures_rest,
+)  # fmt: skip
 from estimators.eha.layout import (
     ACCUMULATOR,
     ANGLE,
@@ -29,23 +34,20 @@ from estimators.eha.layout import (
     Z_X,
     Memory,
     Records,
-)
+)  # fmt: skip
 from estimators.eha.noise import Noise
-from estimators.eha.redundancy import compare_sensors
 from estimators.eha.update import (
     COUPLED,
     MOVING,
-    Array,
     Indices,
-    Mask,
     channel_variance,
     layers_exceeded,
     propagate,
     update,
-)
+)  # fmt: skip
 from estimators.eha.walk import walk_parameters, watch_jumps
 from estimators.kernels import svsf_gain
-from estimators.linalg import joseph_update, project
+from estimators.linalg import Array, Mask, joseph_update, project
 
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
 

@@ -50,8 +50,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.compiled import njit
-from estimators.eha.records import record_of
+from estimators.compiled import njit, record_of
 from estimators.linalg import Array
 
 (

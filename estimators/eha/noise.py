@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.eha.records import record_of
+from estimators.compiled import record_of
 
 
 @dataclass

@@ -3,7 +3,7 @@
 What makes them cheap, and exact:
 
 - Friction and load, the states from `eha.FRIC` on, learn from the mean force alone (see
-  `estimators.eha.forces`). They are never correlated with the others, so ``P`` has two
+  `estimators.eha.corrections`). They are never correlated with the others, so ``P`` has two
   blocks. Everything here works on the first, the ``COUPLED`` states before `eha.FRIC`.
 - Only the first ``MOVING`` rows of ``F`` differ from the identity, and most of their
   entries are zero.
@@ -152,7 +152,7 @@ def update(
 
     Returns
     -------
-    As of `estimators.kernels.kalman_update`: NIS, and the logarithm of the likelihood.
+    As of `estimators.kernels.kalman_update_correlated`: NIS, and the logarithm of the likelihood.
     """
     width = P.shape[0] - _SPARE
     shift, u = work[0], work[1]

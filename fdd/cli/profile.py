@@ -12,7 +12,8 @@ from fdd.errors import InputError
 from fdd.files import require_writable
 
 if TYPE_CHECKING:
-    from fdd.data_sheet import Answers, Question, Remark
+    from fdd.data_sheet.answers import Answers, Question
+    from fdd.data_sheet.plausibility import Remark
     from fdd.unit import Unit
 
 app = typer.Typer(help="A base profile typed from a data sheet.", no_args_is_help=True)
@@ -32,7 +33,8 @@ def new(
     """
     require_writable(out)
 
-    from fdd.data_sheet import read_answers, require_plausible
+    from fdd.data_sheet.answers import read_answers
+    from fdd.data_sheet.plausibility import require_plausible
     from fdd.unit import Unit
 
     if answers is None:
@@ -50,7 +52,7 @@ def check(
     profile: Annotated[str, argument("A YAML file or a shipped profile.", "PROFILE")],
 ) -> None:
     """Show what follows from a profile's numbers, and what is odd about them."""
-    from fdd.data_sheet import require_plausible, unit_remarks
+    from fdd.data_sheet.plausibility import require_plausible, unit_remarks
     from fdd.unit import Unit
 
     unit = Unit.load(profile)
@@ -61,7 +63,7 @@ def check(
 
 def _asked_profile() -> tuple[Unit, list[Remark]]:
     """Ask for the data sheet's numbers at a terminal, again where they cannot be."""
-    from fdd.data_sheet import QUESTIONS, Answers
+    from fdd.data_sheet.answers import QUESTIONS, Answers
 
     print("Write numbers with their unit, e.g. 26 MPa. Return takes what is assumed, where that is said.")
     given: dict[str, Any] = {"name": typer.prompt("Name of the profile", err=True)}
@@ -83,7 +85,7 @@ def _asked_profile() -> tuple[Unit, list[Remark]]:
 
 
 def _asked(question: Question, before: str | None = None) -> str | None:
-    from fdd.data_sheet import parsed
+    from fdd.data_sheet.answers import parsed
 
     default = before or question.assumed
     hint = f"{question.unit}; assumed: {question.assumed}" if question.assumed else question.unit
@@ -103,8 +105,8 @@ def _asked(question: Question, before: str | None = None) -> str | None:
 
 
 def _typed(answers: Answers) -> tuple[Unit, list[Remark]]:
-    from fdd.data_sheet import sheet_remarks, typed_unit
-    from fdd.data_sheet.profile import completed
+    from fdd.data_sheet.plausibility import sheet_remarks
+    from fdd.data_sheet.profile import completed, typed_unit
 
     unit = typed_unit(answers)
     return unit, sheet_remarks(unit, completed(answers.values))
@@ -114,7 +116,7 @@ def _show(unit: Unit, odd: list[Remark]) -> None:
     from rich.text import Text
 
     from fdd.cli.console import grid, output
-    from fdd.data_sheet import derived
+    from fdd.data_sheet.plausibility import derived
 
     console = output()
     rows = [(r.quantity, f"{r.value:.4g}", "" if r.unit == "1" else r.unit) for r in derived(unit)]

@@ -159,28 +159,6 @@ def simulate(
         write_simulation(out, machine, whole, partner=second, truth=truth, advance=advance)
 
 
-def named_parameters(text: str, option: str) -> tuple[str, dict[str, object]]:
-    """Split ``name:key=value,…``; a value with slashes is a list.
-
-    Examples
-    --------
-    >>> named_parameters("steps:amplitude=0.03,hold=1", "--profile")
-    ('steps', {'amplitude': '0.03', 'hold': '1'})
-    """
-    name, _, rest = text.partition(":")
-    out: dict[str, object] = {}
-    for part in filter(None, (p.strip() for p in rest.split(","))):
-        key, equals, value = (p.strip() for p in part.partition("="))
-        if not equals or not key or key in ("name", "self"):
-            raise InputError(
-                f"{option} {text}: {part!r} is not a parameter", mend="write NAME:key=value,key=value"
-            )
-        if key in out:
-            raise InputError(f"{option} {text}: {key} is given twice", mend="give it once")
-        out[key] = value.split("/") if "/" in value else value
-    return name.strip(), out
-
-
 def _section(data: Data, *names: str) -> Data:
     """A part of the scenario to write into; made where it is not there."""
     for name in names:
@@ -195,17 +173,18 @@ def _section(data: Data, *names: str) -> Data:
 
 def _set_motion(data: Data, profile: str | None, load: str | None, control: str | None) -> None:
     """Take ``--profile``, ``--load`` and ``--control``, where they are given."""
-    from fdd.plant.duty import duty_named
-    from fdd.plant.load import load_named
+    from fdd.plant.duty import DUTIES
+    from fdd.plant.load import LOADS
+    from fdd.plant.validated import named, named_parameters
 
     if profile is not None:
         name, parameters = named_parameters(profile, "--profile")
-        data["duty"] = duty_named(name, **parameters).model_dump()
+        data["duty"] = named(DUTIES, "profile", name)(**parameters).model_dump()
         if control is None and name == "constant_speed":
             control = "speed"
     if load is not None:
         name, parameters = named_parameters(load, "--load")
-        data["load"] = load_named(name, **parameters).model_dump()  # type: ignore[arg-type]
+        data["load"] = named(LOADS, "load", name)(**parameters).model_dump()
     if control is not None:
         _section(data, "control")["mode"] = control
 
@@ -213,6 +192,7 @@ def _set_motion(data: Data, profile: str | None, load: str | None, control: str 
 def _set_partner(data: Data, text: str) -> None:
     """Take ``--partner UNIT:drive=still,power=0``."""
     from fdd.plant.scenario import Partner
+    from fdd.plant.validated import named_parameters
 
     name, parameters = named_parameters(text, "--partner")
     known = [field for field in Partner.model_fields if field not in ("unit", "circuit", "duty")]

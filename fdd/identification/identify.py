@@ -10,10 +10,9 @@ import numpy as np
 from fdd.errors import InputError
 from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance, zero_std
 from fdd.identification.friction import fit_friction
-from fdd.identification.motor import fit_torque_constant
 from fdd.identification.profile import Identification
 from fdd.identification.record import Record, even_record
-from fdd.identification.sensors import fit_sensors, gain_mismatch, redundancy_offset
+from fdd.identification.sensors import fit_sensors, fit_torque_constant, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
 from fdd.identification.volume_steps import SMOOTHING, LogBalances, VolumeSteps, keeps_trapped_oil
 from fdd.identification.volumes import VolumeFit, fit_volumes

@@ -177,10 +177,8 @@ def disagreement(
 
 
 def _alone(log: Samples, unit: Unit, label: str) -> dict[str, tuple[float, float]]:
-    """What this log alone identifies over the profile's, with its standard deviation.
-
-    Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
-    """
+    """What this log alone identifies over the profile's, with its standard deviation."""
+    # Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
     try:
         found = identify_unit([log], unit, labels=[label])
     except InputError:  # too short, or the pump hardly turns: it tells nothing against the others

@@ -101,12 +101,7 @@ class StreamScales:
 
 
 def _check_clock(samples: Samples, unit: Unit, where: str) -> None:
-    """Refuse rows so far apart that a stroke fits between few of them.
-
-    Raises
-    ------
-    InputError : names the period, and ms where that would do.
-    """
+    """Refuse rows so far apart that a stroke fits between few of them; ms are named where they would do."""
     period = nominal_period(samples.time)
     c = unit.cylinder
     slowest = (
@@ -121,12 +116,7 @@ def _check_clock(samples: Samples, unit: Unit, where: str) -> None:
 
 
 def _check_travel(samples: Samples, unit: Unit, where: str) -> None:
-    """Refuse a position that hardly moves, and goes with the pump as it should were its unit a finer one.
-
-    Raises
-    ------
-    InputError : names the unit that it looks like.
-    """
+    """Refuse a position that hardly moves, and goes with the pump as it should were its unit a finer one."""
     for factor in FINER:
         finer = samples.with_columns({"position": factor * samples.get("position")})
         try:

@@ -104,11 +104,8 @@ def difference_is_made(samples: Samples) -> bool:
 
 
 def _of_sensors(fits: dict[str, dict[str, float]], unit: Unit, where: str) -> dict[str, Ratio]:
-    """Noise and counts of the pressures over the profile's: no fault of oil or machine changes them.
-
-    Refused is one pressure whose counts are those of another unit of measure, while the others' are the
-    profile's: counts are the converter's, which no fault of a transducer changes either.
-    """
+    """Noise and counts of the pressures over the profile's; one of another unit by its counts is refused."""
+    # No fault of oil or machine changes noise; no fault of a transducer the converter's counts.
     out = {}
     for name, part, left_open in (("noise", "noise", NOISE_OPEN), ("counts", "resolution", COUNTS_OPEN)):
         now = {c: f[part] for c, f in fits.items() if part in f}

@@ -17,7 +17,7 @@ from scipy.signal import butter, sosfilt
 
 from fdd.errors import InputError
 from fdd.plant.programme import AnyProgramme, Programme
-from fdd.plant.validated import Ranges, Validated, named
+from fdd.plant.validated import Ranges, Validated
 
 Array = NDArray[np.float64]
 
@@ -390,13 +390,3 @@ DUTIES: dict[str, type[Duty]] = {
         Resting, Mission,
     )
 }  # fmt: skip
-
-
-def duty_named(name: str, **parameters: object) -> Duty:
-    """A duty by its name.
-
-    Raises
-    ------
-    InputError : unknown name or parameter, value out of range.
-    """
-    return named(DUTIES, "profile", name)(**parameters)

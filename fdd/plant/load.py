@@ -10,7 +10,7 @@ from pydantic import Field
 from scipy.signal import butter, sosfilt
 
 from fdd.plant.programme import AnyProgramme, Programme
-from fdd.plant.validated import Ranges, Validated, named
+from fdd.plant.validated import Ranges, Validated
 
 Array = NDArray[np.float64]
 
@@ -24,11 +24,6 @@ class Load(Validated):
     """Ranges that a campaign draws from."""
 
     @property
-    def mass(self) -> float:
-        """kg moved beside the piston."""
-        return getattr(self, "added", 0.0)
-
-    @property
     def stiffness(self) -> float:
         """N/m of a spring on the rod."""
         return getattr(self, "rate", 0.0)
@@ -39,19 +34,9 @@ class Load(Validated):
         return getattr(self, "slack", 0.0)
 
     @property
-    def play(self) -> float:
-        """m, half the play of a hinge between rod and spring."""
-        return 0.5 * getattr(self, "gap", 0.0)
-
-    @property
     def one_sided(self) -> bool:
         """Whether the spring only presses."""
         return isinstance(self, PressLoad)
-
-    @property
-    def throttle_pressure(self) -> float:
-        """Pa over a throttled partner at 100 rad/s of this pump; 0 for none."""
-        return getattr(self, "pressure", 0.0)
 
     def force(self, n: int, rng: np.random.Generator) -> Array:
         """(n,) N, the part that depends on time alone, one value per millisecond."""
@@ -178,13 +163,3 @@ AnyLoad = Annotated[
 LOADS: dict[str, type[Load]] = {
     kind.model_fields["name"].default: kind for kind in get_args(get_args(AnyLoad)[0])
 }
-
-
-def load_named(name: str, **parameters: float) -> Load:
-    """A load by its name.
-
-    Raises
-    ------
-    InputError : unknown name or parameter, value out of range.
-    """
-    return named(LOADS, "load", name)(**parameters)

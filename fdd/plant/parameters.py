@@ -32,7 +32,7 @@ def record(values: Mapping[str, float]) -> Constants:
 
 
 def _numbers(part: BaseModel) -> dict[str, float]:
-    """What a part of the unit, or the details, give as it is."""
+    """What a part of the unit, the details or a load give as it is."""
     return {name: value for name, value in part if isinstance(value, int | float)}
 
 
@@ -104,6 +104,7 @@ def plant_parameters(
     dissolves = float(details.air_law == "dissolving")
     left = 1.0 - 0.9 * dissolves * min(oil.reference_pressure / details.dissolving_pressure, 1.0)
     ahead, back = friction_draw
+    loads = {"added": 0.0, "gap": 0.0, "pressure": 0.0, **_numbers(load)}
     forward, reverse = unit.friction.forward, unit.friction.reverse
     area = 0.5 * (cylinder.area_1 + cylinder.area_2)
     volume = 0.25 * (cylinder.volume_1 + cylinder.volume_2)
@@ -114,7 +115,7 @@ def plant_parameters(
         # 1 where the valve between pump and cylinder is shut, 0 where it is open.
         "blocked": float(circuit.blocked),
         "half_stroke": half,
-        "mass": cylinder.moving_mass + joined_mass + load.mass,
+        "mass": cylinder.moving_mass + joined_mass + loads["added"],
         "bristle_damping": 2.0 * details.bristle_damping * critical,
         "friction_rate": 1.0 / details.friction_memory,
         # LuGre, a curve for each direction, times the run's draw.
@@ -180,12 +181,12 @@ def plant_parameters(
         "winding_rate": 1.0 / details.winding_time,
         "continuous_current": details.continuous_share * drive.current_limit,
         # Load.
-        "spring": load.stiffness, "spring_centre": load.centre, "spring_play": load.play,
+        "spring": load.stiffness, "spring_centre": load.centre, "spring_play": 0.5 * loads["gap"],
         # 1 where the spring only presses, beyond its centre.
         "one_sided": float(load.one_sided),
         # Pressure drop over the square root of which the partner's flow goes: R of Δp = R·Q².
-        "throttle": load.throttle_pressure / (100.0 * pump.displacement) ** 2,
-        "partner_area": area if load.throttle_pressure > 0.0 else 0.0,
+        "throttle": loads["pressure"] / (100.0 * pump.displacement) ** 2,
+        "partner_area": area if loads["pressure"] > 0.0 else 0.0,
         "partner_compliance": volume / oil.bulk_modulus,
         "surroundings": surroundings,
     })  # fmt: skip

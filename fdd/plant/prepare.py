@@ -1,26 +1,29 @@
-"""A scenario made ready to run: constants, state at rest and controller, as the compiled loop takes them."""
+"""A scenario made ready to run: constants, state at rest, controller, and the conditions of an axis over any
+stretch of it (duty, load, power, valves and faults), as the compiled loop takes them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, cont2discrete
+from scipy.signal import butter, cont2discrete, lfilter
 
 from fdd.errors import InputError
 from fdd.plant import conditions as c
 from fdd.plant import integrator as loop
 from fdd.plant import state as s
-from fdd.plant.circuit import Circuit
+from fdd.plant.circuit import Circuit, apply, apply_connect, check_charging
 from fdd.plant.duty import ConstantSpeed
 from fdd.plant.equations import load_spring
+from fdd.plant.faults.injection import STATE_BORNE, inject
 from fdd.plant.integrator import PERIOD, new_memory, take_row
 from fdd.plant.laws import settled_air
 from fdd.plant.oil import walther_line
 from fdd.plant.parameters import Constants, plant_parameters, record
-from fdd.plant.rows import axis_conditions, partner_setpoint
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import generator, position_offset
 from fdd.plant.steps import tolerances
@@ -29,6 +32,9 @@ from fdd.unit import Unit
 Array = NDArray[np.float64]
 
 LEAST_REFINEMENT, MOST_REFINEMENT = 0.25, 64.0
+FRICTION_TIME = 20.0
+"""s, over which wandering friction forgets what it was: assumption, films and seals settle in tens of s."""
+_KNOT = 0.1  # s, between which that friction is linear
 
 
 @dataclass
@@ -94,6 +100,70 @@ class Prepared:
         return rows, by_load, by_heat
 
 
+class AxisConditions(NamedTuple):
+    """Conditions of an axis, (n, COLUMNS), and what is added at full load and at full heat, if anything."""
+
+    rows: Array
+    by_load: Array | None
+    by_heat: Array | None
+
+
+def axis_conditions(
+    unit: Unit, scenario: Scenario, time: Array, setpoint: Array, force: Array, *, axis: int = 1
+) -> AxisConditions:
+    """Everything that changes with time about one axis, at `time` (n,) s.
+
+    Each row depends on its own time alone, so a run may be cut anywhere. `setpoint` (n,) is the controller's
+    (see `fdd.plant.conditions`), `force` (n,) N on the rod goes with the first axis.
+
+    Raises
+    ------
+    InputError : charging that the unit's pressures rule out.
+    """
+    rows = c.healthy_conditions(unit, setpoint, force)
+    rows[:, c.WARMING] = scenario.warming
+    if scenario.friction_wander > 0.0:
+        both = [c.FRICTION_FORWARD, c.FRICTION_REVERSE]
+        rows[:, both] *= _wandering_friction(scenario, time, axis)[:, None]
+    partner = scenario.partner
+    circuit, power = scenario.circuit, scenario.power
+    if axis == 2 and partner is not None:
+        circuit, power = partner.circuit, partner.power
+    rows[:, c.CURRENT_LIMIT] *= power.over(time)
+    check_charging(circuit, unit, scenario.charge_factor)
+    apply(circuit, rows, time)
+    if axis == 1:
+        apply_connect(scenario.connect, rows, time)
+    put = partial(inject, time=time, specs=scenario.faults, scales=scenario.fault_scales,
+                  details=scenario.details, axis=axis)  # fmt: skip
+    put(rows)
+    added: dict[str, Array | None] = dict.fromkeys(STATE_BORNE)
+    for profile in {spec.profile for spec in scenario.faults if spec.axis == axis} & set(STATE_BORNE):
+        whole = rows.copy()
+        put(whole, profile=profile)
+        added[profile] = whole - rows
+    return AxisConditions(rows, added["load"], added["heat"])
+
+
+def _wandering_friction(scenario: Scenario, time: Array, axis: int) -> Array:
+    """Friction of an axis over its mean, (n,) at (n,) s, the same for both directions.
+
+    An Ornstein-Uhlenbeck process (1930, doi 10.1103/PhysRev.36.823), none beyond three standard deviations.
+
+    All of the run is drawn each time, so that a stretch of it is the same bits however the run is cut.
+    """
+    rng = generator(scenario.seed, "friction wander" + ("" if axis == 1 else f" {axis}"))
+    white = rng.standard_normal(math.ceil(scenario.duration / _KNOT) + 2)
+    kept = math.exp(-_KNOT / FRICTION_TIME)
+    white[1:] *= math.sqrt(1.0 - kept * kept)
+    knots = np.clip(lfilter([1.0], [1.0, -kept], white), -3.0, 3.0)
+    place = np.clip(time / _KNOT, 0.0, knots.size - 1.001)
+    before = place.astype(int)
+    share = place - before
+    wander = (1.0 - share) * knots[before] + share * knots[before + 1]
+    return np.asarray(1.0 + scenario.friction_wander * wander)
+
+
 def _side_by_side(axes: list[Array]) -> Array:
     """(n, axes, COLUMNS) of (n, COLUMNS) each, of a single axis without a copy."""
     return axes[0][:, np.newaxis] if len(axes) == 1 else np.stack(axes, axis=1)
@@ -127,8 +197,8 @@ def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refi
     position = scenario.control.mode == "position"
     setpoints = np.zeros((len(units), n))
     setpoints[0] = scenario.duty.setpoint(n, position, generator(seed, "duty"))
-    if len(units) > 1:
-        setpoints[1] = partner_setpoint(scenario, n, generator(seed, "duty 2"))
+    if scenario.partner is not None and scenario.partner.duty is not None:
+        setpoints[1] = scenario.partner.duty.setpoint(n, False, generator(seed, "duty 2"))
     force = scenario.load.force(n, generator(seed, "load"))
     mass = sum(u.cylinder.moving_mass for u in units)
     parameters = tuple(

@@ -28,10 +28,10 @@ from fdd.plant.oil import ATMOSPHERE
 from fdd.plant.programme import FULL, ShareProgramme
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.validated import Validated
-from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
+from fdd.yaml_reading import yaml_mapping, yaml_text
 
 SCENARIO_SCHEMA = "fdd.scenario/1"
-"""First line of the files that `scenario_yaml` writes; may be left out in others."""
+"""``schema`` of a scenario file; may be left out."""
 
 _MEND = "give a YAML file with a scenario's fields: duration, duty, faults, partner, …"
 
@@ -112,7 +112,7 @@ class Scenario(Validated):
     accumulator : of a dual rig: shared by both axes as in section 4.3, the first unit's; or one for each.
     ambient : Pa, absolute pressure around the actuator.
     friction_wander : relative standard deviation by which friction drifts within the run, over tens of
-        seconds (`fdd.plant.rows.FRICTION_TIME`); 0 keeps it steady.
+        seconds (`fdd.plant.prepare.FRICTION_TIME`); 0 keeps it steady.
     faults : any number, each kind at most once for each axis.
     fault_scales : what severity 1 is in figures.
     power : share of the first axis's current limit; 0 is a motor without power.
@@ -260,28 +260,3 @@ def scenario_data(path: str | Path) -> dict[str, Any]:
     if schema != SCENARIO_SCHEMA:
         raise InputError(f"schema {schema!r:.60} is not a scenario", where=path, mend=_MEND)
     return data
-
-
-def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario file.
-
-    Raises
-    ------
-    InputError : names the file, the field and what is allowed.
-    """
-    data = scenario_data(path)
-    try:
-        return Scenario(**data)
-    except InputError as error:
-        raise error.at(path) from None
-
-
-def scenario_yaml(scenario: Scenario) -> str:
-    """The whole scenario as YAML, defaults filled in; `load_scenario` gives the same one back.
-
-    Examples
-    --------
-    >>> scenario_yaml(Scenario()).splitlines()[:2]
-    ['schema: fdd.scenario/1', 'unit: axis_a']
-    """
-    return yaml_of({"schema": SCENARIO_SCHEMA, **scenario.model_dump(mode="json")})

@@ -56,6 +56,28 @@ def named(kinds: Mapping[str, type[V]], word: str, name: str) -> type[V]:
     return kinds[name]
 
 
+def named_parameters(text: str, option: str) -> tuple[str, dict[str, object]]:
+    """Split ``name:key=value,…``; a value with slashes is a list.
+
+    Examples
+    --------
+    >>> named_parameters("steps:amplitude=0.03,hold=1", "--profile")
+    ('steps', {'amplitude': '0.03', 'hold': '1'})
+    """
+    name, _, rest = text.partition(":")
+    out: dict[str, object] = {}
+    for part in filter(None, (p.strip() for p in rest.split(","))):
+        key, equals, value = (p.strip() for p in part.partition("="))
+        if not equals or not key or key in ("name", "self", "fault"):
+            raise InputError(
+                f"{option} {text}: {part!r} is not a parameter", mend="write NAME:key=value,key=value"
+            )
+        if key in out:
+            raise InputError(f"{option} {text}: {key} is given twice", mend="give it once")
+        out[key] = value.split("/") if "/" in value else value
+    return name.strip(), out
+
+
 def _told(model: type[BaseModel], error: ValidationError) -> InputError:
     """The first thing that is wrong, as one line."""
     first = error.errors()[0]

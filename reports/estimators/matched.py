@@ -27,7 +27,7 @@ from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.eha.update import MOVING, propagate
 from estimators.kernels import scalar_update
-from fdd.plant.duty import duty_named
+from fdd.plant.duty import DUTIES
 from fdd.unit import Unit
 from reports.estimators.cases import (
     FORCE_PERIOD,
@@ -93,7 +93,8 @@ def draw(
     Gives `truth`: the run. `block`: (n, 9) what the case's sensors show, as `EhaTracker.push` takes it.
     """
     n = round(duration * 1e3)
-    setpoint = duty_named(**MOTIONS[case.duty]).setpoint(n + 1, True, rng)
+    motion = MOTIONS[case.duty]
+    setpoint = DUTIES[motion["name"]](**motion).setpoint(n + 1, True, rng)
     smooth = sosfiltfilt(butter(2, SMOOTH_HZ, fs=1000.0, output="sos"), _limited(setpoint, FASTEST * 1e-3))
     position = np.asarray(smooth) * 1e3
     # Parameters begin at the filter's first estimate and a draw of its spread.

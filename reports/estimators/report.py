@@ -11,8 +11,8 @@ from typing import Annotated, NamedTuple, cast
 import numpy as np
 import pandas as pd
 import typer
+from scipy.stats import chi2
 
-from estimators.consistency import nees_band
 from fdd.cli.console import progress
 from fdd.errors import InputError
 from fdd.residuals.tracking import METHODS
@@ -121,7 +121,7 @@ def coverage(consistency: pd.DataFrame) -> pd.DataFrame:
     Columns: nees, too_sure (share above its band), each quantity's error within 1.96 standard deviations,
     lost (ended without a covariance).
     """
-    (low, high), nees = nees_band(len(TRACKED)), consistency["nees"]
+    (low, high), nees = chi2.interval(0.95, len(TRACKED)), consistency["nees"]
     inside = consistency[["world", "case", "method"]].assign(
         nees=nees.between(low, high), too_sure=~(nees <= high),
         **{q: consistency[q].abs() <= 1.96 for q in QUANTITIES}, lost=~np.isfinite(nees),

@@ -22,7 +22,6 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from estimators.consistency import squared_distance
 from estimators.eha import layout
 from estimators.eha import model as eha
 from fdd.campaign.units import for_each_unit
@@ -227,11 +226,13 @@ def evaluate(data: Data) -> dict[str, pd.DataFrame]:
         covariance = tracker.P[np.ix_(tracked, tracked)]
         wider = np.sqrt(records[-1]["variance"][tracked] / np.diag(covariance))
         covariance = covariance * np.outer(wider, wider)
+        stds = np.sqrt(np.diag(covariance))
         try:
-            nees = float(squared_distance(error, covariance))
-        except ValueError:
+            factor = np.linalg.cholesky(covariance / np.outer(stds, stds))
+            nees = float(np.sum(np.linalg.solve(factor, error / stds) ** 2))
+        except np.linalg.LinAlgError:
             nees = float("nan")
-        scores = dict(zip(QUANTITIES, error / np.sqrt(np.diag(covariance)), strict=True))
+        scores = dict(zip(QUANTITIES, error / stds, strict=True))
         consistency.append({"method": method, "nees": nees, **scores})
     return {"errors": pd.concat(errors), "consistency": pd.DataFrame(consistency)}
 

@@ -14,7 +14,7 @@ from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant import state as s
-from fdd.plant.duty import DUTIES, OneWay, duty_named
+from fdd.plant.duty import DUTIES, Duty, Levels, OneWay
 from fdd.plant.faults.injection import PLANT_FAULTS
 from fdd.plant.integrator import PERIOD, STEPS
 from fdd.plant.load import LOADS
@@ -68,12 +68,13 @@ def _scenario(
 ) -> Scenario:
     name = str(rng.choice(list(DUTIES)))
     control: Control
+    duty: Duty
     if name == "levels":
         control = Control(mode=rng.choice(["position", "speed"]))
         most = 0.1 if control.mode == "position" else 250.0
         times = np.cumsum(rng.uniform(0.1, 1.0, 5))
         points = [[float(t), float(rng.uniform(-most, most))] for t in times]
-        duty = duty_named(name, points=points, linear=bool(rng.random() < 0.5))
+        duty = Levels(points=points, linear=bool(rng.random() < 0.5))
     elif name == "one_way":
         control = Control(mode=rng.choice(["position", "speed"]))
         duty = OneWay(out=0.8, back=1.5, amplitude=float(rng.uniform(0.02, 0.09)), lead_in=0.2)

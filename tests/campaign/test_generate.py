@@ -111,13 +111,6 @@ def test_an_interrupted_data_set_is_known_as_such_and_resumes(
     assert contents(directory) == contents(made)
 
 
-def test_another_recipe_is_not_mixed_in(made: Path) -> None:
-    before = contents(made)
-    with pytest.raises(InputError, match="another recipe"):
-        generate(small(baseline=True, seed=12), made)
-    assert contents(made) == before
-
-
 def test_a_folder_with_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="not empty"):

@@ -15,7 +15,7 @@ from fdd.campaign.spreads import UnitLogs, learnt_spread
 from fdd.diagnosis.random_effects import log_equations, own_columns, scattered
 from fdd.plant import conditions as c
 from fdd.plant.oil import stiff_bulk_modulus
-from fdd.plant.rows import FRICTION_TIME, axis_conditions
+from fdd.plant.prepare import FRICTION_TIME, axis_conditions
 from fdd.plant.scenario import Scenario
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import LogConditions, first_effects, usual_conditions

@@ -28,24 +28,11 @@ from fdd.residuals.oil import air_compliance
 from fdd.unit import Unit
 from reports import disturbed
 
-RECIPE = """
-schema: fdd.recipe/1
-name: tiny
-seed: 3
-bases: [axis_a]
-units: 1
-logs_per_unit: 2
-faults: {internal_leakage: {}}
-healthy_share: 0.5
-profiles: {step: 1}
-duties: {steps: 1}
-loads: {spring: 1}
-severity: [0.9, 1.0]
-duration: [40, 41]
-onset: [0.3, 0.4]
-baseline: true
-format: parquet
-"""
+RECIPE = Recipe(
+    schema="fdd.recipe/1", name="tiny", seed=3, bases=["axis_a"], units=1, logs_per_unit=2, format="parquet",
+    faults={"internal_leakage": {}}, healthy_share=0.5, profiles={"step": 1}, duties={"steps": 1},
+    loads={"spring": 1}, severity=[0.9, 1.0], duration=[40, 41], onset=[0.3, 0.4], baseline=True,
+)  # fmt: skip
 
 
 def scored(family: str, score: float) -> ScoredLog:
@@ -188,10 +175,7 @@ def test_the_severity_from_which_nine_tenths_are_found_is_that_of_the_draw() -> 
 
 @pytest.fixture(scope="module")
 def tiny_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("validate")
-    (folder / "recipe.yaml").write_text(RECIPE)
-    generate(Recipe.load(folder / "recipe.yaml"), folder / "set", workers=1)
-    return folder / "set"
+    return generate(RECIPE, tmp_path_factory.mktemp("validate") / "set", workers=1)
 
 
 @pytest.mark.slow
@@ -320,9 +304,6 @@ def test_the_summary_counts_what_was_found_and_what_was_answered() -> None:
     assert rows["internal leakage"][3] == "2.8 s", "the median of 2.5 and 3 s"
     assert rows["aeration"] == ["1", "0", "-", "-"]
     assert rows["EKF leakage"] == ["3.0 %", "4.6 %", "3 of 4", "50 %"]
-
-
-LEAK, WORN, AIR = "internal_leakage", "pump_wear", "aeration"
 
 
 def test_a_relief_valve_whose_setting_fell_may_relieve() -> None:

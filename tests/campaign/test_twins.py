@@ -12,9 +12,7 @@ from test_generate import contents, small
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.scores import Outcome
 from fdd.campaign.visibility import (
-    ChannelVisibility,
     largest_rms,
     noise_deviation,
     visibility,
@@ -154,12 +152,3 @@ def test_visibility_is_what_the_hand_gets() -> None:
     counts = 2.0 * np.pi / (4 * 16384) / 1e-3 / np.sqrt(6.0)
     assert found["pump_speed"].rms == pytest.approx(10.0 / np.sqrt(5.0) / counts, rel=1e-4)
     assert largest_rms(found) == pressure.rms and visibility_class(found) == "1 to 3"
-
-
-def channels(rms: float, channel: str = "pressure_1", lost: float = 0.0) -> dict[str, ChannelVisibility]:
-    return {channel: ChannelVisibility(noise=1.0, rms=rms, peak=2.0 * rms, lost=lost)}
-
-
-def seen(one: Outcome, rms: float) -> Outcome:
-    figures = {"twin": "logs/b.parquet", "visibility": channels(rms), "largest_rms": rms, "visible": rms >= 1}
-    return Outcome(one.entry.model_copy(update=figures), one.found, one.errors)

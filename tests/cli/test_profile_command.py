@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import yaml
 
-from fdd.data_sheet import QUESTIONS, derived
 from fdd.data_sheet.accumulator import accumulator_volumes
+from fdd.data_sheet.answers import QUESTIONS
+from fdd.data_sheet.plausibility import derived
 from fdd.unit import Unit
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

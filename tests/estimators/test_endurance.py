@@ -13,7 +13,8 @@ import pytest
 
 import estimators
 from estimators.compiled import compiler
-from estimators.kernels import kalman_update, predict_covariance
+from estimators.kernels import kalman_update_correlated
+from estimators.linalg import symmetrise
 
 njit = compiler(Path(estimators.__file__).parent, Path(__file__).parent)
 STEPS = 10_000_000
@@ -50,13 +51,14 @@ def _channels(rng, blind, mask):
 def endure_joseph(steps, every, F, Q, H, R, P, rng):
     """Covariances (steps // every, n, n) along a run of the Joseph form."""
     n, m = P.shape[0], H.shape[0]
-    x, y, mask = np.zeros(n), np.zeros(m), np.empty(m, np.bool_)
+    x, y, mask, K = np.zeros(n), np.zeros(m), np.empty(m, np.bool_), np.empty((n, m))
     kept = np.empty((steps // every, n, n))
     blind = 0
     for i in range(steps):
-        predict_covariance(P, F, Q, P)
+        P[:] = F @ P @ F.T + Q
+        symmetrise(P)
         blind = _channels(rng, blind, mask)
-        kalman_update(x, P, y, H, R, mask)
+        kalman_update_correlated(x, P, y, H, R, mask, K)
         if i % every == every - 1:
             kept[i // every] = P
     return kept
@@ -76,7 +78,7 @@ def lowest_eigenvalues(kept: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", CASES)
 def test_joseph_form_endures(name: str) -> None:
     F, Q, H, R, P = CASES[name]
-    raw = np.ascontiguousarray(F * UNITS[:, None] / UNITS), np.array(Q) * UNITS**2, np.array(H) / UNITS
+    raw = np.ascontiguousarray(F * UNITS[:, None] / UNITS), np.diag(Q * UNITS**2), np.array(H) / UNITS
     rng, prior = np.random.default_rng(1), np.diag(P * UNITS**2)
-    kept = endure_joseph(STEPS // len(CASES), EVERY, *raw, np.array(R), prior, rng)
+    kept = endure_joseph(STEPS // len(CASES), EVERY, *raw, np.diag(R), prior, rng)
     assert lowest_eigenvalues(kept).min() > 1e-12

@@ -39,7 +39,7 @@ def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:
     exec(compile(BLOCKS[2].replace("@njit\n", ""), "README.md", "exec"), shown)
     F, H, rng = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[1.0, 0.0]]), np.random.default_rng(0)
     z = np.where(rng.random((50, 1)) < 0.2, np.nan, rng.normal(size=(50, 1)))
-    out = shown["filtered"](z, F, H, np.array([1e-3, 1e-3]), np.ones(1), np.zeros(2), np.eye(2))
+    out = shown["filtered"](z, F, H, 1e-3 * np.eye(2), np.eye(1), np.zeros(2), np.eye(2))
     kf = ExtendedKalmanFilter(2, 1)
     kf.F, kf.H, kf.Q, kf.x = F, H, 1e-3, np.zeros(2)
     for measured, x in zip(z, out, strict=True):

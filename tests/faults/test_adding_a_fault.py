@@ -32,7 +32,7 @@ assert np.isclose(larger["bypass_valve_flow"], 0.5 * larger["relief_valve_flow"]
 
 from fdd.plant import conditions as c
 from fdd.plant.faults.spec import parse_fault
-from fdd.plant.rows import axis_conditions
+from fdd.plant.prepare import axis_conditions
 from fdd.plant.scenario import Scenario
 from fdd.unit import Unit
 for scales, flow in (({{}}, 5e-5), ({{"bypass_valve_flow": 2e-5}}, 2e-5)):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -94,18 +92,13 @@ def test_friction_is_seen_through_gusts_or_kept() -> None:
     assert not fits and "not sharp enough" in notes[0]
 
 
-# Of the plant's own volumes: both chambers unequal, larger and smaller than the base's.
-SCALES = [(1.25, 0.95), (0.8, 0.9), (1.0, 1.3)]
-
-
-@cache
-def unit_of(seed: int, scale_1: float, scale_2: float, bulk: float = 1.0) -> tuple[Unit, tuple[Samples, ...]]:
+def unit_of(seed: int, scale_1: float, scale_2: float, bulk: float = 1.0) -> tuple[Unit, list[Samples]]:
     """A random unit with scaled volumes, and healthy logs of it."""
     unit = random_unit(seed)
     unit.cylinder.volume_1 *= scale_1
     unit.cylinder.volume_2 *= scale_2
     unit.oil.bulk_modulus *= bulk
-    return unit, tuple(calibration_logs(unit, seed))
+    return unit, calibration_logs(unit, seed)
 
 
 def gain_and_split(cylinder: Cylinder, base: Cylinder) -> tuple[float, float]:
@@ -120,11 +113,11 @@ def std_of(found: Identification, quantity: str) -> float:
     return row.std
 
 
-@pytest.mark.parametrize(("seed", "scale"), zip((1, 2, 1), SCALES, strict=True))
+@pytest.mark.parametrize(("seed", "scale"), [(2, (0.8, 0.9)), (1, (1.0, 1.3))])
 def test_volumes_of_both_chambers_are_found(seed: int, scale: tuple[float, float]) -> None:
     truth, logs = unit_of(seed, *scale)
     base = Unit.load("axis_a")
-    found = identify_unit(list(logs), base)
+    found = identify_unit(logs, base)
     gain, split = gain_and_split(found.unit.cylinder, base.cylinder)
     true_gain, true_split = gain_and_split(truth.cylinder, base.cylinder)
     assert gain == pytest.approx(true_gain, abs=0.08)
@@ -141,17 +134,12 @@ def test_volumes_of_both_chambers_are_found(seed: int, scale: tuple[float, float
     assert not any("volumes stay" in note for note in found.notes)
 
 
-@cache
-def halved() -> tuple[Unit, Identification]:
+def test_a_gain_of_two_is_no_volume() -> None:
     """A unit of half the volumes and half the bulk modulus: in mid-stroke as compliant as its base."""
     truth, logs = unit_of(1, 0.5, 0.5, 0.5)
-    return truth, identify_unit(list(logs), Unit.load("axis_a"))
-
-
-def test_a_gain_of_two_is_no_volume() -> None:
-    truth, found = halved()
-    base = Unit.load("axis_a").cylinder
-    gain, split = gain_and_split(found.unit.cylinder, base)
+    base = Unit.load("axis_a")
+    found = identify_unit(logs, base)
+    gain, split = gain_and_split(found.unit.cylinder, base.cylinder)
     assert gain == pytest.approx(1.0, abs=1e-9)
     assert split == pytest.approx(0.0, abs=0.01)
     assert found.unit.cylinder.position_compliance == pytest.approx(2.0, abs=0.08)

@@ -367,10 +367,6 @@ def relief_valve_stuck_shut(case: Case) -> None:
     keeps_its_oil(truth)
 
 
-LONG = 60.0
-"""s, of runs whose shares and rates are counted."""
-
-
 def measured(case: Case) -> None:
     channel = "position" if str(case.spec.variant).startswith("position") else "pressure_difference"
     faulty, sound = (log.samples[channel][case.after] for log in (case.faulty, case.healthy))
@@ -384,7 +380,7 @@ def position_sensor_slip(case: Case) -> None:
     """Within 5 mm, and the controller follows it."""
     spec = case.spec.model_copy(update={"onset": 0.0})
     long, healthy = (
-        run(*faults, axis=case.axis, duration=LONG, recording=Recording.perfect()) for faults in ((spec,), ())
+        run(*faults, axis=case.axis, duration=60.0, recording=Recording.perfect()) for faults in ((spec,), ())
     )
     encoder = case.unit.sensor("position")
     slipped = long.samples["position"] - encoder.gain * long.truth["position"] - encoder.zero

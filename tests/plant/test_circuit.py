@@ -8,7 +8,7 @@ import pytest
 from fdd.errors import InputError
 from fdd.plant import conditions as c
 from fdd.plant.circuit import Circuit, ExternalAccumulators, apply, check_charging
-from fdd.plant.rows import axis_conditions, partner_setpoint
+from fdd.plant.prepare import axis_conditions, prepare
 from fdd.plant.scenario import Scenario
 from fdd.unit import Unit
 
@@ -68,11 +68,11 @@ def test_power_and_valves_go_to_their_own_axis() -> None:
 
 
 def test_the_partners_own_speeds() -> None:
-    own = Scenario(partner={"drive": "own", "duty": {"name": "levels", "points": "0:40/1:-60"}})
-    setpoint = partner_setpoint(own, 1500, np.random.default_rng(0))
+    own = {"drive": "own", "duty": {"name": "levels", "points": "0:40/1:-60"}}
+    setpoint = prepare(UNIT, Scenario(duration=1.5, partner=own)).setpoints[1]
     assert setpoint[[0, 999, 1000, 1499]].tolist() == [40.0, 40.0, -60.0, -60.0]
-    for partner in ({"drive": "still"}, {"drive": "same"}, None):
-        assert not partner_setpoint(Scenario(partner=partner), 10, np.random.default_rng(0)).any()
+    for partner in ({"drive": "still"}, {"drive": "same"}):
+        assert not prepare(UNIT, Scenario(duration=0.01, partner=partner)).setpoints[1].any()
 
 
 # What contradicts itself: one case for each line of the table in fdd.plant.scenario.

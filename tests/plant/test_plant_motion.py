@@ -99,19 +99,6 @@ def _throttled(unit: Unit, pressure: float, **more: Any) -> tuple[float, float, 
     return mean[0], mean[1], mean[2], mean[3], mean[4]
 
 
-@pytest.mark.parametrize("name", ["axis_a", "axis_b"])
-def test_throttled_strokes_show_the_leakage_coefficient(name):
-    """Section 5.2's experiment: flow lost over pressure is L_T, the refeeding counted (eq. 3.50)."""
-    unit = Unit.load(name)
-    drop, lost, refed, leakage, low = np.array([_throttled(unit, p) for p in DROPS]).T
-    assert 0.0 > drop[0] > -0.9e6 and drop[-1] < -2.2e6
-    assert leakage[0] == pytest.approx(unit.pump.total_leakage, rel=1e-3)
-    slope = np.polyfit(drop, lost - refed, 1)[0]
-    assert slope == pytest.approx(unit.pump.total_leakage, rel=0.01)
-    # Mode 2 has come by itself: the low side lies its check valve's cracking below the accumulator.
-    assert np.all(np.abs(low + unit.accumulator.refeed_cracking_pressure) < 1.5e3)
-
-
 def test_modes_of_section_3_2_1_arise_by_themselves():
     """Loss of the driven chamber over pressure: half the case leakage while no valve refeeds, all of it then.
 

@@ -1,6 +1,5 @@
 """Steps are short enough, blocks change no bit, and whatever the rig allows stays within physics."""
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import raw_blocks, simulate, stream
 from fdd.unit import Unit
 from reports.plant import wild as robustness
-from reports.plant.cases import Case, Cases
+from reports.plant.cases import Cases
 from reports.plant.numerics import against_half_steps, against_radau
 from reports.plant.wild import draw_wild, try_wild
 
@@ -33,38 +32,17 @@ def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "duration"),
-    [
-        ("prbs, stiffest bristles", 0.25),
-        ("prbs of speed, coupling and check valve", 0.25),
-        ("flight, gust, aeration", 0.25),
-    ],
+    "name",
+    ["prbs, stiffest bristles", "prbs of speed, coupling and check valve", "flight, gust, aeration"],
 )
-def test_radau_agrees_within_a_tenth_of_the_sensors(name, duration):
+def test_radau_agrees_within_a_tenth_of_the_sensors(name):
     """SciPy's implicit solver on the same right-hand side and commands, tolerance 1e-10."""
     case = CASES[name]
-    states, _ = case.states(duration)
+    states, _ = case.states(0.25)
     assert np.ptp(states[:, s.X]) > 1e-4
-    difference = against_radau(case, duration)
+    difference = against_radau(case, 0.25)
     assert difference.worst < 0.1
     assert difference.rms["pump_angle"] < 0.5
-
-
-def _errors(case: Case, refinements: list[float]) -> list[float]:
-    reference = case.states(0.5, 32.0)[0]
-    pressure = s.SHARED + s.P1
-    return [
-        float(np.sqrt(np.mean((case.states(0.5, refine)[0] - reference)[:, pressure] ** 2)))
-        for refine in refinements
-    ]
-
-
-def test_refining_converges_fast():
-    """Each halving takes the error down by far more than a second-order rule's four, on the whole."""
-    errors = _errors(Cases().work, [0.5, 1.0, 2.0, 4.0, 8.0])
-    assert all(finer < coarser for coarser, finer in pairwise(errors))
-    assert errors[0] / errors[-1] > 8.0**4
-    assert errors[1] < 1.0
 
 
 A, B = Unit.load("axis_a"), Unit.load("axis_b")

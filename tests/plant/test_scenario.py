@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdd.errors import InputError
-from fdd.plant.duty import DUTIES, duty_named
-from fdd.plant.load import LOADS, GustLoad, load_named
+from fdd.plant.duty import DUTIES
+from fdd.plant.load import LOADS, GustLoad
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 from fdd.plant.truth import TRUTH
@@ -40,7 +40,7 @@ def test_wrong_scenarios_are_told_in_one_line(arguments, told):
 
 def test_a_duty_beyond_the_stroke_and_a_chamber_empty_within_it_are_refused():
     with pytest.raises(InputError, match="leaves the stroke"):
-        simulate(UNIT, Scenario(duration=1.0, duty=duty_named("steps", amplitude=0.2)))
+        simulate(UNIT, Scenario(duration=1.0, duty=DUTIES["steps"](amplitude=0.2)))
     small = UNIT.model_copy(update={"cylinder": UNIT.cylinder.model_copy(update={"volume_2": 2e-4})})
     with pytest.raises(InputError, match="volume_2"):
         simulate(small, Scenario(duration=1.0))
@@ -65,7 +65,7 @@ def test_duties_stay_within_their_amplitude_and_rest_first(name, mode, seed, row
 
 def test_a_ramp_is_followed_with_the_loops_velocity_lag():
     """A P loop on an integrator: the lag is the velocity over Kp·Dp/A."""
-    duty = duty_named("strokes", rate=0.03, amplitude=0.1)
+    duty = DUTIES["strokes"](rate=0.03, amplitude=0.1)
     out = simulate(UNIT, Scenario(duration=3.0, duty=duty, recording=Recording.perfect()))
     lag = (out.samples["position_setpoint"] - out.truth["position"])[2500]
     gain = 16875.0 * UNIT.pump.displacement / UNIT.cylinder.area_1
@@ -74,13 +74,13 @@ def test_a_ramp_is_followed_with_the_loops_velocity_lag():
 
 @pytest.mark.parametrize("name", LOADS)
 def test_every_load_acts_and_every_usual_range_is_allowed(name):
-    scenario = Scenario(duration=3.0, load=load_named(name), seed=1)
+    scenario = Scenario(duration=3.0, load=LOADS[name](), seed=1)
     truth = simulate(UNIT, scenario).truth
     quiet = name in ("none", "inertia", "changing")  # the last one changes after a minute
     assert (np.ptp(truth["load_force"]) + np.abs(truth["load_force"]).max() == 0.0) == quiet
     for parameter, ends in LOADS[name].usual.items():
         for end in ends:
-            load_named(name, **{parameter: end})
+            LOADS[name](**{parameter: end})
 
 
 def test_gusts_have_the_deviation_and_bandwidth_asked_for():

@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import chi2
 
-from estimators.consistency import nees_band
 from estimators.eha import layout
 from estimators.eha import model as eha
 from fdd.residuals.tracking import METHODS, Channels, Tracking
@@ -79,8 +79,8 @@ def test_in_the_matched_world_the_filter_is_consistent():
         pd.concat(frames[kind] for frames in found).query("method == 'ekf'")
         for kind in ("errors", "consistency")
     )
-    low, high = nees_band(4, 12, 0.999)
-    assert low < consistency["nees"].mean() < high
+    low, high = chi2.interval(0.999, 4 * 12)
+    assert low < consistency["nees"].sum() < high
     claimed = (errors["std"] / errors["bound"]).groupby(errors["quantity"]).median()
     np.testing.assert_allclose(claimed[["leakage", "bulk_modulus"]], 1.0, atol=0.1)
 

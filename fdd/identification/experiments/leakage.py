@@ -112,9 +112,9 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     out.tell("leakage coefficient, straight line", gain[1], std, "m^3/(s*Pa)", beside)
     out.tell("leak flow at the highest pressure", gain[1] * high, std * high, "m^3/s", at)
     near = rows.pressure * np.sign(rows.pumped) > 0.9 * high
-    if near.any():  # eq. 5.4, at the speed that the pump then drives it with
+    if near.any():  # A·ẋ / (D_p·ω) of eq. 5.4, with A·ẋ from eq. 5.3, at the speed that it then drives with
         speed = float(np.median(np.abs(rows.pumped[near]))) / unit.pump.displacement
-        share = volumetric_efficiency(float(gain[0]) * unit.pump.displacement, speed, float(gain[1]), high)
+        share = 1.0 - float(gain[1]) * high / (float(gain[0]) * unit.pump.displacement * speed)
         spread = 100.0 * abs((1.0 - share) / gain[1]) * std
         beside = f"{at} and {30.0 / np.pi * speed:.0f} rpm, thesis eq. 5.4"
         out.tell("volumetric efficiency", 100.0 * share, spread, "%", beside)
@@ -129,28 +129,6 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     )
     _draw(out, rows, np.append(gain, 0.0) if both is None else both, profile)
     return out
-
-
-def volumetric_efficiency(displacement: float, pump_speed: float, leakage: float, pressure: float) -> float:
-    """A·ẋ / (D_p·ω) of the thesis's eq. 5.4, as a share: 1 - L_T·p/(D_p·ω) with A·ẋ from eq. 5.3.
-
-    Parameters
-    ----------
-    displacement : m³/rad. pump_speed : rad/s, not zero. leakage : L_T, m³/(s·Pa). pressure : Pa, difference
-        that the pump works against.
-
-    Returns
-    -------
-    1 without leakage; negative where more leaks than is pumped.
-
-    Examples
-    --------
-    Axis A at 1000 rpm and 3.36 MPa, D_p of the thesis's 5.76e-5 m³/s:
-
-    >>> round(volumetric_efficiency(5.50e-7, 104.7, 6.52e-12, 3.36e6), 3)
-    0.62
-    """
-    return 1.0 - leakage * pressure / (displacement * pump_speed)
 
 
 def _orifice(out: Outcome, rows: _Rows, low: float, high: float, zero: float) -> Array | None:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from fdd.errors import InputError
-from fdd.faults import CATALOGUE, PROFILES, Figure, fault
-from fdd.plant.validated import Validated
+from fdd.faults import CATALOGUE, Figure, fault
+from fdd.plant.validated import Validated, named_parameters
 
 SIMULATED = tuple(f.id for f in CATALOGUE.values() if f.simulated)
 """Ids of the faults that the plant injects."""
@@ -58,7 +57,7 @@ class FaultSpec(Validated):
     variant: str | None = None
     law: str | None = None
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
-    axis: Literal[1, 2] = 1
+    axis: Annotated[Literal[1, 2], BeforeValidator(lambda n: int(n) if n in ("1", "2") else n)] = 1
 
     @model_validator(mode="after")
     def _known(self) -> FaultSpec:
@@ -160,12 +159,6 @@ class FaultScales(_Figures):
     """Ranges that a campaign draws from, see `fdd.faults.Figure`."""
 
 
-_PARAMETERS: dict[str, Callable[[str], str | float | int]] = {
-    "severity": float, "onset": float, "ramp": float, "period": float, "duty": float, "profile": str,
-    "side": int, "variant": str, "law": str, "seed": int, "axis": int,
-}  # fmt: skip
-
-
 def parse_fault(text: str) -> FaultSpec:
     """Read a fault as the command line gives it: ``ID:severity=0.4,onset=20`` and fields of `FaultSpec`.
 
@@ -178,27 +171,11 @@ def parse_fault(text: str) -> FaultSpec:
     >>> parse_fault("seal_wear:severity=0.3,onset=5,variant=tight").variant
     'tight'
     """
-    name, _, rest = text.partition(":")
-    where = f"--fault {text}"
-    data: dict[str, str | float | int] = {"fault": name.strip()}
+    name, given = named_parameters(text, "--fault")
     try:
-        for part in filter(None, (p.strip() for p in rest.split(","))):
-            key, equals, value = (p.strip() for p in part.partition("="))
-            if key not in _PARAMETERS or not equals:
-                raise InputError(
-                    f"unknown parameter {part!r}", mend=f"write key=value with: {', '.join(_PARAMETERS)}"
-                )
-            if key in data:
-                raise InputError(f"{key} is given twice", mend="give it once")
-            if key == "profile" and value not in PROFILES:
-                raise InputError(f"unknown profile {value!r}", mend=f"use one of: {', '.join(PROFILES)}")
-            try:
-                data[key] = _PARAMETERS[key](value)
-            except ValueError:
-                raise InputError(f"{key}={value!r} is not a number", mend=f"write {key}=NUMBER") from None
-        fault(name.strip())  # before the severity is missed: the name is the likelier slip
-        if "severity" not in data:
+        fault(name)  # before the severity is missed: the name is the likelier slip
+        if "severity" not in given:
             raise InputError("severity is missing", mend=f"write {name}:severity=0.4 (0 to 1)")
-        return FaultSpec(**data)
+        return FaultSpec(**{"fault": name, **given})
     except InputError as error:
-        raise error.at(where) from None
+        raise error.at(f"--fault {text}") from None

@@ -1,8 +1,7 @@
 """The sensors: from what was in the plant to what a log shows, block by block."""
 
-from fdd.plant.sensors.channel import ChannelSensor, range_of
 from fdd.plant.sensors.faults import SENSOR_FAULTS, position_offset, struck_channel
-from fdd.plant.sensors.recorder import KNOWN, MEASURED, Recorder, Rows
+from fdd.plant.sensors.recorder import KNOWN, MEASURED, ChannelSensor, Recorder, Rows, range_of
 from fdd.plant.sensors.recording import Lateness, Recording, generator
 
 __all__ = [

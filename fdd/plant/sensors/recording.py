@@ -19,8 +19,6 @@ PERIOD = 1e-3
 """s, of controller and usual recording."""
 SHORTEST_BURST, LONGEST_BURST = 5, 30
 MOST_CHANNELS = 4
-_CLIP = 4.0
-"""Standard deviations at which a stamp's error ends, so that stamps always increase."""
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:
@@ -117,36 +115,6 @@ class Lateness:
         if self._first and n:
             late[0], self._first = 0, False
         return late
-
-
-class Losses:
-    """Which rows the log has, and by how much their stamps are off; the first row is there and exact.
-
-    One computer samples all axes of a rig (thesis A.3), so of one scenario they all lose the same rows.
-    """
-
-    def __init__(self, recording: Recording, seed: int) -> None:
-        self.recording = recording
-        self._drops = generator(seed, "dropped rows")
-        self._stamps = generator(seed, "stamps")
-        self._row = 0
-
-    def next(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Stamps (n,) s and whether each row is kept, (n,), of the next n rows, taken at `time` (n,)."""
-        n, recording = time.size, self.recording
-        kept = np.ones(n, dtype=np.bool_)
-        if recording.dropped > 0.0:
-            kept = self._drops.random(n) >= recording.dropped
-        stamps = time
-        if recording.jitter > 0.0:
-            error = np.clip(self._stamps.standard_normal(n), -_CLIP, _CLIP)
-            if self._row == 0 and n:
-                error[0] = 0.0
-            stamps = time + recording.jitter * error
-        if self._row == 0 and n:
-            kept[0] = True
-        self._row += n
-        return stamps, kept
 
 
 class NanBursts:
