@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import MessageIndex
@@ -101,13 +102,19 @@ class ColumnWriter(Writer):
 
     def _register(self, name: str, kinds: dict[str, bool]) -> _Topic:
         title = f"fdd.{name.rpartition('/')[2].title()}"
+        package, _, short = title.rpartition(".")
+        files = FileDescriptorSet()
+        # proto2, whose fields tell whether they are there without the made-up oneofs of proto3.
+        file = files.file.add(name=f"{title}.proto", package=package, syntax="proto2")
+        message, places = _layout(kinds, file.message_type.add(name=short), f".{title}")
+        names, formats, offsets = zip(*places, strict=True)
+        values: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(message)}
         about = {f: f"{CHANNELS[f].unit}: {CHANNELS[f].meaning}" for f in kinds if f in CHANNELS}
-        schema, message, places = _layout(title, kinds)
-        number = self.register_schema(title, "protobuf", schema)
-        channel = self.register_channel(name, "protobuf", number, about)
+        schema = self.register_schema(title, "protobuf", files.SerializeToString())
+        channel = self.register_channel(name, "protobuf", schema, about)
         # The length leaves out the opcode and itself.
         head = np.array((Opcode.MESSAGE, _HEAD.itemsize - 9 + len(message), channel, 0, 0, 0), _HEAD)
-        whole = np.dtype([("head", _HEAD), ("message", places)])
+        whole = np.dtype([("head", _HEAD), ("message", np.dtype(values))])
         return self._topics.setdefault(name, _Topic(kinds, channel, head.tobytes() + message, whole))
 
     def _add_chunk(
@@ -134,26 +141,12 @@ class ColumnWriter(Writer):
         self.flush()
 
 
-def _layout(title: str, fields: Mapping[str, bool]) -> tuple[bytes, bytes, np.dtype[np.void]]:
-    """Of messages of one length: schema (FileDescriptorSet), a message of zeros, and where its values stand.
+def _layout(fields: Mapping[str, bool], type_: Any, title: str) -> tuple[bytes, list[tuple[str, str, int]]]:
+    """Declare fields; of messages of one length one of zeros, and name, format and offset of each value.
 
     Each field is always there: an ``optional double``, or an ``optional bool`` (True); ``ekf.leakage`` is the
     field leakage of the nested message ekf.
     """
-    from google.protobuf.descriptor_pb2 import FileDescriptorSet
-
-    package, _, name = title.rpartition(".")
-    files = FileDescriptorSet()
-    # proto2, whose fields tell whether they are there without the made-up oneofs of proto3.
-    file = files.file.add(name=f"{title}.proto", package=package, syntax="proto2")
-    message, places = _lay(fields, file.message_type.add(name=name), f".{title}")
-    names, formats, offsets = zip(*places, strict=True)
-    dtype: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(message)}
-    return files.SerializeToString(), message, np.dtype(dtype)
-
-
-def _lay(fields: Mapping[str, bool], type_: Any, title: str) -> tuple[bytes, list[tuple[str, str, int]]]:
-    """Declare the fields; the message of zeros, and name, format and offset of each value."""
     groups: dict[str, dict[str, bool]] = {}
     for path, boolean in fields.items():
         name, _, rest = path.partition(".")
@@ -172,7 +165,7 @@ def _lay(fields: Mapping[str, bool], type_: Any, title: str) -> tuple[bytes, lis
             message += bytes(1 if boolean else 8)
         else:
             field.type, field.type_name = field.TYPE_MESSAGE, f"{title}.{name}_fields"
-            inner, below = _lay(members, type_.nested_type.add(name=f"{name}_fields"), field.type_name)
+            inner, below = _layout(members, type_.nested_type.add(name=f"{name}_fields"), field.type_name)
             message += _varint(number << 3 | 2) + _varint(len(inner))
             places += [(f"{name}.{path}", form, len(message) + at) for path, form, at in below]
             message += inner

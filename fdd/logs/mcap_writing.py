@@ -86,8 +86,7 @@ def write_blocks(
     ------
     InputError : an axis that is no topic, columns that change, or a folder that is not there.
     """
-    # Takes a while to import: not before it is needed.
-    from fdd.logs.mcap_chunks import mcap_file
+    from fdd.logs.mcap_chunks import mcap_file  # takes a while: not before it is needed
 
     if not axes or len(set(axes)) < len(axes):
         raise InputError("a run needs axes of different names", where=path, mend="name each axis once")
@@ -162,10 +161,9 @@ def write_annotated(
             channel = out.register_channel(f"{root}/events", "json", schema)
             for time, level, text in (event for fault in faults for event in _events(fault)):
                 stamp = int(out.log_times([time])[0])
-                second, nanosecond = divmod(stamp, 1_000_000_000)
                 message = {
-                    "timestamp": {"sec": second, "nsec": nanosecond}, "level": level, "message": text,
-                    "name": axis, "file": "", "line": 0,
+                    "timestamp": {"sec": stamp // 10**9, "nsec": stamp % 10**9}, "level": level,
+                    "message": text, "name": axis, "file": "", "line": 0,
                 }  # fmt: skip
                 out.add_message(channel, stamp, json.dumps(message, ensure_ascii=False).encode(), stamp)
         out.add_columns({name: columns for name, columns in topics.items() if np.size(columns["time"])})

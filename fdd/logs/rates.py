@@ -30,8 +30,7 @@ def aligned(at: Column, stamps: Column, values: Column) -> Column:
 
     Parameters
     ----------
-    at : (n,) s, increasing; the rows.
-    stamps : (m,) s, of the series. values : (m,); NaN where one is missing.
+    at : (n,) s, increasing; the rows. stamps, values : (m,) s and values of the series; NaN where missing.
 
     Returns
     -------
@@ -104,9 +103,11 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
     changed = np.concatenate(([True], steps != 0.0))
     bent = np.concatenate(([True], np.abs(np.diff(steps)) > ROUNDING * float(np.ptp(known)), [True]))
     own = [rows for rows in (changed, bent) if LEAST_CHANGES <= rows.sum() <= 0.6 * rows.size]
-    if not own or _one_count_at_a_time(steps):
-        return None  # an encoder at a steady speed has a rhythm, too
-    del known, steps, changed, bent
+    moved = np.abs(steps[steps != 0.0])
+    # Most changes as small as the smallest: an encoder at a steady speed has a rhythm, too.
+    if not own or np.count_nonzero(moved < 1.5 * moved.min(initial=np.inf)) > 0.5 * moved.size:
+        return None
+    del known, steps, changed, bent, moved
     numbers = sample_numbers(time if whole else time[there], period)
     for rows in own:
         measured = numbers[rows]
@@ -119,12 +120,6 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
             there[there] = np.isin(numbers, np.append(wanted, measured[-1]))
             return np.where(there, values, np.nan), rhythm * period
     return None
-
-
-def _one_count_at_a_time(steps: Column) -> bool:
-    """Whether most changes are as small as the smallest."""
-    moved = np.abs(steps[steps != 0.0])
-    return np.count_nonzero(moved < 1.5 * moved.min(initial=np.inf)) > 0.5 * moved.size
 
 
 def _rhythm(numbers: NDArray[np.int64]) -> float | None:

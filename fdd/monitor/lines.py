@@ -14,8 +14,8 @@ from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import to_si
+from fdd.logs.formats.messages import objects_at_once
 from fdd.logs.quality import check_magnitudes
-from fdd.logs.wire.messages import objects_at_once
 from fdd.monitor.stream_clock import Gaps, StreamClock
 from fdd.samples import CHANNELS, Samples
 

@@ -64,16 +64,6 @@ def test_people_get_a_line_per_finding_and_a_summary(run, logs, tiny_model_file,
     assert "Leakage coefficient" in result.stdout
 
 
-def test_a_stream_goes_on_with_its_clock(run, logs, tiny_model_file, offline, tmp_path: Path) -> None:
-    lines = stream_of(logs["leaking"]).splitlines(keepends=True)
-    half = len(lines) // 2
-    common = ["-", "--model", tiny_model_file, "--json", "--state", tmp_path / "axis.npz"]
-    run("monitor", *common, input=b"".join(lines[:half]))
-    second = events(run("monitor", *common, input=b"".join(lines[half - 50 :])).stdout)[-1]["diagnosis"]
-    assert second["faults"] == offline["faults"] and second["samples"] == offline["samples"]
-    assert any("late or repeated" in note for note in second["quality"]["notes"])
-
-
 def test_what_cannot_be_monitored_is_refused(run, one_line, logs, tiny_model_file) -> None:
     for speed in ("0", "-1", "fast", "nan", "inf"):
         one_line(run("monitor", logs["leaking"], "--speed", speed), "--speed", "max")

@@ -15,9 +15,17 @@ from fdd.bounds import limit, raised
 from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
-from fdd.logs.formats.dates import stamp_kind, stamps_to_seconds
 from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size
-from fdd.logs.formats.text_layout import MISSING, Layout, decoded, find_layout, head_of, is_number
+from fdd.logs.formats.text_layout import (
+    MISSING,
+    Layout,
+    decoded,
+    find_layout,
+    head_of,
+    is_number,
+    stamp_kind,
+    stamps_to_seconds,
+)
 from fdd.samples import Column
 
 _MARKS = ",.' \u00a0\u202f"

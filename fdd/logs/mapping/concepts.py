@@ -204,15 +204,7 @@ def said_and_unit(signal: Signal, words: Words) -> tuple[set[str], str | None]:
 
 
 def name_scores(signal: Signal, words: Words) -> dict[str, float]:
-    """Evidence in nats that the signal is each of the channels that its name and unit allow.
-
-    Parameters
-    ----------
-    signal : of a log.
-
-    Returns
-    -------
-    Channel to score; a channel that the unit excludes is not there.
+    """Evidence in nats that the signal is each of the channels that its name and unit allow, by channel.
 
     Examples
     --------

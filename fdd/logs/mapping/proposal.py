@@ -277,7 +277,8 @@ def balance_words(samples: Samples) -> list[str]:
         verdict = "as it should" if along > 0.8 else "which is not how a pump moves a cylinder"
         moves = f"the piston moves {ratio:.3g} mm a radian of the pump (correlation {along:.2f})"
         words.append(f"{moves}, {verdict}")
-    t = data.rises_with_pumping(samples["pressure_difference"], "position", pump, rate=rate)
+    turned = data.sums(pump) if rate else data.changes(pump)
+    t = data.rises_with_pumping(samples["pressure_difference"], "position", turned)
     if abs(t) > 5.0:
         verdict = "as it should" if t > 0 else "so chambers or signs are the wrong way round"
         words.append(f"pumping {'raises' if t > 0 else 'lowers'} P1 - P2 (t = {t:.0f}), {verdict}")
