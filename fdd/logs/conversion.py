@@ -39,9 +39,8 @@ def feeds_of(
 ) -> tuple[dict[str, Feed], str | None]:
     """The feeds by channel, and the axis.
 
-    Raises
-    ------
-    InputError : nothing that the map or the contract names is in the file, or the file has several axes.
+    Raises InputError: nothing that the map or the contract names is in the file, or the file has several
+    axes.
     """
     messages = isinstance(log, McapFile)
     if messages and log.truncated and not log.signals:

@@ -46,9 +46,7 @@ def increasing_time(
     -------
     (m,) s, strictly increasing; (m,) rows kept; notes of what was done.
 
-    Raises
-    ------
-    InputError : time runs backwards for more than a few late stamps, or is missing everywhere.
+    Raises InputError: time runs backwards for more than a few late stamps, or is missing everywhere.
     """
     notes: list[str] = []
     time = _spread_packets(time, notes)
@@ -166,9 +164,7 @@ class DataQuality:
 def check_time(time: Column, shortest: float) -> DataQuality:
     """Count missing rows, late stamps and time jumps.
 
-    Raises
-    ------
-    InputError : fewer than `shortest` seconds of data.
+    Raises InputError: fewer than `shortest` seconds of data.
     """
     period = nominal_period(time)
     seconds = 0.0 if time.size < 2 else min(float(time[-1] - time[0]) + period, time.size * period)
@@ -216,9 +212,7 @@ def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | N
     ----------
     columns : in SI. units : what the map or the file gives a channel in; SI where it says nothing.
 
-    Raises
-    ------
-    InputError : names the channel, the largest value as it was written, and the likely unit.
+    Raises InputError: names the channel, the largest value as it was written, and the likely unit.
     """
     said = units or {}
 

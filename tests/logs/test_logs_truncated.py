@@ -14,7 +14,7 @@ from made_up_logs import refused_log, strokes
 from mcap.writer import CompressionType, Writer
 
 from fdd.errors import InputError
-from fdd.logs import Log, mcap_chunks, read_log
+from fdd.logs import Log, mcap_writing, read_log
 from fdd.logs.mcap_writing import write_run
 
 SAMPLES = strokes(2500)
@@ -25,7 +25,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """A run in many small chunks, with metadata."""
     path = tmp_path_factory.mktemp("whole") / "run.mcap"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mcap_chunks, "CHUNK_BYTES", 40_000)
+        patch.setattr(mcap_writing, "CHUNK_BYTES", 40_000)
         write_run(path, SAMPLES, axis="a", unit_yaml="x: 1", scenario_json="{}")
     return path.read_bytes()
 

@@ -106,9 +106,7 @@ def doubles(column: Any) -> Column:
 def open_parquet(path: Path) -> ArrowFile:
     """Read the schema of a Parquet file.
 
-    Raises
-    ------
-    InputError : damaged, no rows, or far too many.
+    Raises InputError: damaged, no rows, or far too many.
     """
     from pyarrow import parquet
 
@@ -119,9 +117,7 @@ def open_parquet(path: Path) -> ArrowFile:
 def open_feather(path: Path) -> ArrowFile:
     """Read the schema of a Feather (version 2, Arrow IPC) file.
 
-    Raises
-    ------
-    InputError : damaged, no rows, or far too many.
+    Raises InputError: damaged, no rows, or far too many.
     """
     import pyarrow as pa
 

@@ -174,9 +174,7 @@ class CsvFile(LogFile):
 def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
     """Detect encoding, separator, decimal mark, title lines, names and units of a CSV file.
 
-    Raises
-    ------
-    InputError : binary content, no header row, or too many columns.
+    Raises InputError: binary content, no header row, or too many columns.
     """
     layout = layout or CsvLayout()
     head, packed, whole = head_of(path)

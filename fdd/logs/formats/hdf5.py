@@ -25,9 +25,7 @@ def open_hdf5(path: Path) -> TreeFile:
     Vectors, columns of matrices and members of compound types are signals. Links to other files are not
     followed.
 
-    Raises
-    ------
-    InputError : damaged, or without arrays.
+    Raises InputError: damaged, or without arrays.
     """
     import h5py
 
@@ -105,9 +103,7 @@ _LARGEST = 1 << 32
 def check_hdf5(path: Path) -> None:
     """Refuse a file with a heap whose free space has no size: the library takes it again and again.
 
-    Raises
-    ------
-    InputError : names the byte.
+    Raises InputError: names the byte.
     """
     with path.open("rb") as file:
         start, kept, end = 0, b"", 0

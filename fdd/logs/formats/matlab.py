@@ -24,9 +24,7 @@ from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 def open_matlab(path: Path) -> TreeFile:
     """Signals of a MATLAB 5 file: ``rec.pos.value`` is ``rec/pos``.
 
-    Raises
-    ------
-    InputError : damaged, too large, or without arrays.
+    Raises InputError: damaged, too large, or without arrays.
     """
     from scipy.io import loadmat, whosmat
 
@@ -82,9 +80,7 @@ class _Odd(Exception):
 def check_matlab(path: Path) -> None:
     """Walk through all arrays of a file.
 
-    Raises
-    ------
-    InputError : an element is of a wrong type, has wrong dimensions, or does not end within the file.
+    Raises InputError: an element is of a wrong type, has wrong dimensions, or does not end within the file.
     """
     try:
         with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:

@@ -62,9 +62,7 @@ class ChunkWalk:
     truncated : after the walk, whether the file ends before its data does.
     damaged : chunks whose checksum or compression is wrong; they are left out.
 
-    Raises
-    ------
-    InputError : no MCAP file, or more than is read.
+    Raises InputError: no MCAP file, or more than is read.
     """
 
     path: Path
@@ -227,9 +225,7 @@ class McapFile(LogFile):
     def field(self, topic: str, path: str | None) -> Signal:
         """The signal of a topic's field.
 
-        Raises
-        ------
-        InputError : no such topic, no message that can be read on it, or no such field.
+        Raises InputError: no such topic, no message that can be read on it, or no such field.
         """
         there = {str(s.field): s for s in self.signals.values() if s.topic == topic}
         if topic not in self.topics:
@@ -328,9 +324,7 @@ def open_mcap(path: Path) -> McapFile:
 
     The walk ends where all channels of the file's summary have shown a message.
 
-    Raises
-    ------
-    InputError : no MCAP file.
+    Raises InputError: no MCAP file.
     """
     from mcap.reader import SeekingReader
 

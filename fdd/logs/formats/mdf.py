@@ -25,10 +25,8 @@ _IN_RECORD = (0, 1, 2, 4, 5)
 def open_mdf(path: Path) -> TreeFile:
     """Signals of an MDF file; where two channels have one name, the group's number stands before it.
 
-    Raises
-    ------
-    InputError : damaged, or without channels of numbers.
-    ImportError : asammdf, an extra, is not installed.
+    Raises InputError: damaged, or without channels of numbers; ImportError: asammdf, an extra, is not
+    installed.
     """
     from asammdf import MDF
 

@@ -52,9 +52,7 @@ class Decoder:
     def columns(self, payloads: Sequence[bytes], paths: Sequence[FieldPath]) -> list[Column]:
         """(n,) numbers of each path, NaN where a message lacks it.
 
-        Raises
-        ------
-        ValueError : a message is damaged, or holds something else than numbers there.
+        Raises ValueError: a message is damaged, or holds something else than numbers there.
         """
         messages = self.decode(payloads) if paths else []
         return [_numbers(messages, path) for path in paths]
@@ -67,9 +65,7 @@ def decoder_of(channel: Any, schema: Any) -> Decoder:
     ----------
     channel, schema : the library's records; the schema may be None.
 
-    Raises
-    ------
-    ValueError : says why the messages cannot be read.
+    Raises ValueError: says why the messages cannot be read.
     """
     encoding, data = channel.message_encoding, b"" if schema is None else bytes(schema.data)
     kind = "" if schema is None else schema.encoding
@@ -278,9 +274,7 @@ class _Ros:
     def read(self, name: str, depth: int) -> dict[str, Any]:
         """A message of a type; None for texts, of an array the first `MOST_ELEMENTS`.
 
-        Raises
-        ------
-        ValueError : a type is not defined, too deep or too large; the message is damaged.
+        Raises ValueError: a type is not defined, too deep or too large; the message is damaged.
         """
         self._types_read += 1
         if depth > DEEPEST_MESSAGE or self._types_read > MOST_OPERATIONS:

@@ -55,9 +55,7 @@ def head_of(path: Path) -> tuple[bytes, bool, bool]:
 def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
     """The text and its encoding: UTF-16 by its mark, UTF-8 where it is that, else Windows-1252.
 
-    Raises
-    ------
-    InputError : no text.
+    Raises InputError: no text.
     """
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return head.decode("utf-16", errors="replace").lstrip("\ufeff"), "utf-16"

@@ -93,10 +93,6 @@ class TreeFile(LogFile):
         fitting = (MEASURES[u].factor for u in ("s", "ms", "us", "ns"))
         return values * next((f for f in fitting if step * f <= SLOWEST_STEP_S), 1.0)
 
-    def clock_column(self, clock: str) -> str | None:
-        """See `LogFile.clock_column`."""
-        return self.clocks.get(clock)
-
     def _loaded(self, name: str) -> Column:
         raw = np.asarray(self.leaves[name].load()).reshape(-1)
         if raw.dtype.kind == "M":
@@ -111,9 +107,7 @@ class TreeFile(LogFile):
 def tree_file(path: Path, groups: Mapping[str, Group]) -> TreeFile:
     """Signals of arrays by group, whose name is its path, "" for the top.
 
-    Raises
-    ------
-    InputError : no arrays of more than one number, or more than is read.
+    Raises InputError: no arrays of more than one number, or more than is read.
     """
     log = TreeFile(path)
     for group, content in groups.items():

@@ -94,9 +94,7 @@ def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
     ----------
     log : opened. words : to read names by. given : channel to signal, as the user knows it; "" for none.
 
-    Raises
-    ------
-    InputError : nothing in the log can be its time.
+    Raises InputError: nothing in the log can be its time.
     """
     found = _read(log, words)
     for name, channels in found.scores.items():
@@ -126,14 +124,12 @@ def _read(log: LogFile, words: Words) -> Clues:
     if at is None:
         time = _time_column(log, raw, main)
         at = raw[time[0]] * MEASURES[time[1]].factor
-    clocks = {log.clock_column(clock) for clock in stamps} | {time[0] if time else None}
     good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS_LOOKED_AT]
     columns = {}
     for name, signal in log.signals.items():
         own = stamps[signal.clock]
-        if name in clocks or (is_time_name(name) and grows(raw[name])):  # T may be a temperature
-            continue
-        if signal.clock != main and own is None:
+        is_time = (time is not None and name == time[0]) or (is_time_name(name) and grows(raw[name]))
+        if is_time or (signal.clock != main and own is None):  # T may be a temperature
             continue
         values = raw[name] if signal.clock == main or own is None else aligned(at, own, raw[name])
         values = np.where(np.abs(values[good]) < LARGEST, values[good], np.nan)

@@ -64,9 +64,8 @@ class Given:
 def given_of(options: Iterable[str]) -> dict[str, Given]:
     """Read what a user says of channels, each as ``CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]``.
 
-    Raises
-    ------
-    InputError : no such channel, a scale that is no number or has no unit, or a unit of another dimension.
+    Raises InputError: no such channel, a scale that is no number or has no unit, or a unit of another
+    dimension.
 
     Examples
     --------
@@ -142,9 +141,7 @@ class Proposal:
     def channel_map(self, name: str = "", axis: str | None = None) -> ChannelMap:
         """The map as it stands.
 
-        Raises
-        ------
-        InputError : it lacks what a diagnosis needs.
+        Raises InputError: it lacks what a diagnosis needs.
         """
         channels = {c: r.source for c, r in self.rows.items()}
         if absent := missing_required(channels):
@@ -157,9 +154,7 @@ class Proposal:
     def map_text(self, name: str, axis: str | None, made_of: str) -> str:
         """The map as YAML, a line a channel with what spoke for it behind.
 
-        Raises
-        ------
-        InputError : it lacks what a diagnosis needs.
+        Raises InputError: it lacks what a diagnosis needs.
         """
         self.channel_map(name, axis)
         head = {"schema": "fdd.map/1", "name": name, **({} if axis is None else {"axis": axis})}
@@ -184,9 +179,7 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | 
     log : opened. words : to read names by; the shipped ones.
     given : what the user knows, by channel; see `given_of`.
 
-    Raises
-    ------
-    InputError : nothing in the log can be its time, or a given signal is not there.
+    Raises InputError: nothing in the log can be its time, or a given signal is not there.
     """
     if not log.signals:
         raise InputError("no signals in it", where=log.path, mend="see fdd inspect what it holds")
