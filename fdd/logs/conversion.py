@@ -176,9 +176,7 @@ def accumulate_speed(time: Column, speed: Column, period: float) -> Column:
     ----------
     time, period : (n,) s, increasing; s. speed : (n,) rad/s, NaN where missing.
 
-    Returns
-    -------
-    (n,) rad, 0 at the first row that has a speed; NaN where the speed is NaN.
+    Returns (n,) rad, 0 at the first row that has a speed; NaN where the speed is NaN.
     """
     angle = np.full(time.size, np.nan)
     there = np.flatnonzero(np.isfinite(speed))

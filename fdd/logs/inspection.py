@@ -44,12 +44,7 @@ class SignalView:
 
 
 def inspect(log: LogFile) -> list[SignalView]:
-    """All signals of an opened log, in the order of the file.
-
-    Parameters
-    ----------
-    log : opened.
-    """
+    """All signals of an opened log, in the order of the file."""
     clocks: dict[str, tuple[float, float]] = {}
     out = []
     try:

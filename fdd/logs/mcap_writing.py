@@ -167,7 +167,14 @@ def write_annotated(
         if faults := json.loads(diagnosis_json).get("faults"):
             schema = out.register_schema("foxglove.Log", "jsonschema", json.dumps(LOG_SCHEMA).encode())
             channel = out.register_channel(f"{root}/events", "json", schema)
-            for time, level, text in (event for fault in faults for event in _events(fault)):
+            events = []
+            for fault in faults:
+                names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
+                sure = f"confidence {fault['confidence']:.2f}"
+                said = "; ".join([sure, *fault.get("evidence", [])])
+                events.append((fault["onset_s"], _WARNING, f"{names} begins ({sure})"))
+                events.append((fault["detected_s"], _ERROR, f"{names} detected ({said})"))
+            for time, level, text in events:
                 stamp = int(out.log_times([time])[0])
                 message = {
                     "timestamp": {"sec": stamp // 10**9, "nsec": stamp % 10**9}, "level": level,
@@ -175,17 +182,6 @@ def write_annotated(
                 }  # fmt: skip
                 out.add_message(channel, stamp, json.dumps(message, ensure_ascii=False).encode(), stamp)
         out.add_columns({name: columns for name, columns in topics.items() if np.size(columns["time"])})
-
-
-def _events(fault: Mapping[str, Any]) -> list[tuple[float, int, str]]:
-    """Time (s), level and text of the onset and of the detection of a finding."""
-    names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
-    sure = f"confidence {fault['confidence']:.2f}"
-    said = "; ".join([sure, *fault.get("evidence", [])])
-    return [
-        (fault["onset_s"], _WARNING, f"{names} begins ({sure})"),
-        (fault["detected_s"], _ERROR, f"{names} detected ({said})"),
-    ]
 
 
 def _estimate_columns(t: Mapping[str, Any]) -> dict[str, Any]:
@@ -240,9 +236,7 @@ class _Index(MessageIndex):
 class ColumnWriter(Writer):
     """The library's writer (chunks of `CHUNK_BYTES`, zstd, checksums, indexes), which takes columns too.
 
-    Parameters
-    ----------
-    stream : open for writing bytes. start_ns : ns; log time of t = 0.
+    `stream` is open for writing bytes; `start_ns`, ns, is the log time of t = 0.
     """
 
     def __init__(self, stream: Any, start_ns: int) -> None:

@@ -42,9 +42,7 @@ def increasing_time(
     ----------
     time : (n,) s, as read. place : how a user finds a row in the log.
 
-    Returns
-    -------
-    (m,) s, strictly increasing; (m,) rows kept; notes of what was done.
+    Returns (m,) s, strictly increasing; (m,) rows kept; notes of what was done.
 
     Raises InputError: time runs backwards for more than a few late stamps, or is missing everywhere.
     """
@@ -129,9 +127,7 @@ def sample_numbers(time: Column, period: float) -> NDArray[np.int64]:
     ----------
     time, period : (n,) s, increasing; s, nominal.
 
-    Returns
-    -------
-    (n,) integers, strictly increasing; a step of k means k - 1 missing rows.
+    Returns (n,) integers, strictly increasing; a step of k means k - 1 missing rows.
 
     Examples
     --------

@@ -32,9 +32,7 @@ def aligned(at: Column, stamps: Column, values: Column) -> Column:
     ----------
     at : (n,) s, increasing; the rows. stamps, values : (m,) s and values of the series; NaN where missing.
 
-    Returns
-    -------
-    (n,) values, NaN where no measurement belongs to the row.
+    Returns (n,) values, NaN where no measurement belongs to the row.
 
     Examples
     --------
@@ -82,9 +80,7 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
     ----------
     time : (n,) s. values : (n,); NaN where one is missing. period : s, of the rows.
 
-    Returns
-    -------
-    (n,) measurements with NaN between, and their period in s; None where the values are all its own.
+    Returns (n,) measurements with NaN between, and their period in s; None where the values are all its own.
 
     Examples
     --------

@@ -13,7 +13,7 @@ from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import Feed, accumulate_speed, feeds_of, to_si
 from fdd.logs.formats import LogFile, open_log
 from fdd.logs.formats.mcap import McapFile
-from fdd.logs.formats.signals import Signal
+from fdd.logs.formats.signals import Signal, system_error
 from fdd.logs.quality import (
     DataQuality,
     check_magnitudes,
@@ -121,15 +121,13 @@ def read_log(
     except InputError as error:
         raise (error if error.where == str(path) else error.at(path)) from None
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", where=path) from None
+        raise system_error(error, path) from None
 
 
 def _on_one_time_base(file: LogFile, feeds: dict[str, Feed]) -> tuple[Column, dict[str, Column], bool]:
     """Channels in SI at the rows of the mapped time, or else of the fastest signal that a diagnosis needs.
 
-    Returns
-    -------
-    (n,) s; columns (n,) by channel; whether the time is the file's own clock.
+    Returns (n,) s; columns (n,) by channel; whether the time is the file's own clock.
     """
     asked = Counter(s.name for f in feeds.values() for s in (f.signal, f.direction) if s is not None)
     raw = file.read(n for n in asked if n in file.signals)

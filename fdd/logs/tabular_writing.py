@@ -30,8 +30,6 @@ def axis_file(path: str | Path, axis: str, axes: Sequence[str]) -> Path:
     'run.axis_b.csv'
     """
     path = Path(path)
-    if axis not in axes:
-        raise InputError(f"axis {axis!r} is none of {', '.join(axes)}", where=path, mend="name one of these")
     require_axis(axis)
     return path if len(axes) == 1 else path.with_name(f"{path.stem}.{axis}{path.suffix}")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -188,16 +187,8 @@ class LineParser:
     def _objects(self, lines: list[bytes]) -> list[dict[str, Any]]:
         found = objects_at_once(lines)
         if found is None:
-            found = []
-            for line in lines:
-                try:
-                    one = json.loads(line)
-                except (ValueError, RecursionError):
-                    one = None
-                if isinstance(one, dict):
-                    found.append(one)
-                else:
-                    self._count_malformed(1)
+            found = [one for line in lines for one in objects_at_once([line]) or ()]
+            self._count_malformed(len(lines) - len(found))
         return [row for one in found for row in (self._rows_of(one) if "schema" in one else (one,))]
 
     def _rows_of(self, block: dict[str, Any]) -> list[dict[str, Any]]:

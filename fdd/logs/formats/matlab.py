@@ -6,6 +6,7 @@ damaged file can end the process. So its elements are walked first (MathWorks, M
 
 from __future__ import annotations
 
+import math
 import mmap
 import struct
 import zlib
@@ -159,9 +160,7 @@ class _Elements:
         if len(shape) < 2 or min(shape) < 0:
             raise _Odd(f"an array of shape {shape}")
         at = self._element(at, _TEXTS)[2]
-        count = 1
-        for length in shape:
-            count *= length
+        count = math.prod(shape)
         if kind in (_STRUCT, _OBJECT):
             if kind == _OBJECT:
                 at = self._element(at, _TEXTS)[2]

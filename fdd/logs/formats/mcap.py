@@ -73,7 +73,7 @@ class ChunkWalk:
     damaged: int = 0
 
     def __iter__(self) -> Iterator[Batch]:
-        from mcap.exceptions import InvalidMagic, McapError, RecordLengthLimitExceeded
+        from mcap.exceptions import McapError, RecordLengthLimitExceeded
         from mcap.opcode import Opcode
         from mcap.records import Channel, Chunk, Message, Metadata, Schema
         from mcap.stream_reader import StreamReader
@@ -89,19 +89,14 @@ class ChunkWalk:
         loose = _Found()
         with self.path.open("rb") as stream:
             records = Reader(stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
-            first = True
             while True:
                 try:
                     record = next(records, None)
                 except RecordLengthLimitExceeded as error:
                     raise InputError(f"a damaged or too large record ({error})", where=self.path) from None
-                except provoked as error:
-                    if first and isinstance(error, InvalidMagic):
-                        problem, mend = "not an MCAP file (wrong first bytes)", "record or copy it again"
-                        raise InputError(problem, where=self.path, mend=mend) from None
+                except provoked:
                     self.truncated = True
                     break
-                first = False
                 if record is None:
                     break
                 if isinstance(record, Schema):

@@ -59,11 +59,7 @@ class Decoder:
 
 
 def decoder_of(channel: Any, schema: Any) -> Decoder:
-    """What reads the messages of a channel.
-
-    Parameters
-    ----------
-    channel, schema : the library's records; the schema may be None.
+    """What reads the messages of a channel: of the library's records, the second of which may be None.
 
     Raises ValueError: says why the messages cannot be read.
     """
@@ -100,18 +96,11 @@ def objects_at_once(payloads: Sequence[bytes]) -> list[dict[str, Any]] | None:
 
 
 def _json_objects(payloads: Sequence[bytes]) -> list[dict[str, Any]]:
-    if (at_once := objects_at_once(payloads)) is not None:
-        return at_once
-    out = []
-    for text in payloads:
-        try:
-            found = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise ValueError(f"not JSON ({type(error).__name__}): {text[:40]!r}") from None
-        if not isinstance(found, dict):
-            raise ValueError(f"not a JSON object: {text[:40]!r}")
-        out.append(found)
-    return out
+    found = objects_at_once(payloads)
+    if found is None:
+        odd = next((p for p in payloads if objects_at_once([p]) is None), b"")
+        raise ValueError(f"not a JSON object: {odd[:40]!r}")
+    return found
 
 
 def _units_below(node: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:

@@ -80,11 +80,7 @@ def suffixes() -> tuple[str, ...]:
 
 
 def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
-    """Open a log of any format.
-
-    Parameters
-    ----------
-    layout : how a CSV file is written, where that is known.
+    """Open a log of any format; `layout` tells how a CSV file is written, where that is known.
 
     Raises InputError: one line: no such file, damaged, of no known format, or what it needs is not installed.
     """

@@ -42,14 +42,14 @@ def head_of(path: Path) -> tuple[bytes, bool, bool]:
 
     with path.open("rb") as source:
         head = source.read(SNIFFED_BYTES + 1)
-    if not head.startswith(b"\x1f\x8b"):
-        return head[:SNIFFED_BYTES], False, len(head) <= SNIFFED_BYTES
-    try:
-        with gzip.open(path, "rb") as packed:
-            head = packed.read(SNIFFED_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise damaged("damaged gzip file", path, error) from None
-    return head[:SNIFFED_BYTES], True, len(head) <= SNIFFED_BYTES
+    packed = head.startswith(b"\x1f\x8b")
+    if packed:
+        try:
+            with gzip.open(path, "rb") as unpacked:
+                head = unpacked.read(SNIFFED_BYTES + 1)
+        except (OSError, EOFError, zlib.error) as error:
+            raise damaged("damaged gzip file", path, error) from None
+    return head[:SNIFFED_BYTES], packed, len(head) <= SNIFFED_BYTES
 
 
 def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
@@ -254,9 +254,7 @@ def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[st
     ----------
     texts : (n,) stamps; None where one is missing. The first tells how all are written.
 
-    Returns
-    -------
-    (n,) s, NaN where a stamp is missing or written otherwise; ns since 1970 of the first (0 without a
+    Returns (n,) s, NaN where a stamp is missing or written otherwise; ns since 1970 of the first (0 without a
     date); notes.
 
     Examples

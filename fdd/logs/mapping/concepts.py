@@ -80,11 +80,7 @@ _RAW = {
 
 
 class Words:
-    """Words and the concepts that each may stand for.
-
-    Parameters
-    ----------
-    more : a file of a user's own words (``fdd.words/1``), added to the shipped ones.
+    """Words and the concepts that each may stand for; `more`: a file of a user's own besides (fdd.words/1).
 
     Examples
     --------

@@ -139,10 +139,7 @@ class Proposal:
         self.questions.remove(question)
 
     def channel_map(self, name: str = "", axis: str | None = None) -> ChannelMap:
-        """The map as it stands.
-
-        Raises InputError: it lacks what a diagnosis needs.
-        """
+        """The map as it stands. Raises InputError: it lacks what a diagnosis needs."""
         channels = {c: r.source for c, r in self.rows.items()}
         if absent := missing_required(channels):
             lone = [c for c in ("pressure_1", "pressure_2") if c not in channels]
@@ -254,12 +251,7 @@ def _short(log: LogFile, signal: Signal) -> str:
 
 
 def balance_words(samples: Samples) -> list[str]:
-    """Whether position, pump and pressures fit together as a cylinder's do, one sentence each.
-
-    Parameters
-    ----------
-    samples : a log read by the map.
-    """
+    """Whether position, pump and pressures of a log fit together as a cylinder's do, one sentence each."""
     columns = {n: samples[n] for n in ("position", "pump_angle", "pump_speed") if n in samples}
     data, rate = Signals(samples.time, columns), "pump_speed" in columns
     pump, words = "pump_speed" if rate else "pump_angle", []

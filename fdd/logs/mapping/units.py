@@ -50,9 +50,7 @@ class Question:
 def scale_of(found: Clues, speed: str | None, channel: str, name: str) -> dict[str, object]:
     """Unit of a signal as a channel; a scale where it is in volts or counts, by what it has to be like.
 
-    Parameters
-    ----------
-    speed : the signal of the pump's speed, which a demand in volts is held against.
+    `speed` is the signal of the pump's speed, which a demand in volts is held against.
     """
     unit, shaft, data = found.units[name], found.shaft, found.data
     if unit is not None and find_measure(unit, CHANNELS[channel].dimension) is not None:
@@ -85,12 +83,7 @@ def scale_of(found: Clues, speed: str | None, channel: str, name: str) -> dict[s
 
 
 def with_units(found: Clues, names: dict[str, str], known: Sources) -> list[Question]:
-    """Give channels that have no unit the likeliest one; a question where that is not clear.
-
-    Parameters
-    ----------
-    names : channel to signal. known : channel to its source so far, which is changed.
-    """
+    """Give channels in `known`, of the signals in `names`, the likeliest unit; ask where it is not clear."""
     asked = []
     for kind, units in _UNITS.items():
         members = [c for c in known if c.startswith(kind) and c != "position_setpoint"]
