@@ -144,9 +144,7 @@ def on_common_rows(
     Two slow channels that take turns never meet; then the others have to be read between their measurements
     (`between`).
 
-    Parameters
-    ----------
-    time : (n,) s. columns : (n,) each; NaN where not measured. needed : channels that have to meet.
+    `time`: (n,) s. `columns`: (n,) each; NaN where not measured. `needed`: channels that have to meet.
     """
     if time.size < LEAST_CHANGES:
         return None
@@ -177,9 +175,7 @@ def between(time: Column, values: Column, rows: NDArray[np.intp]) -> Column:
 def own_period(time: Column, values: Column, period: float) -> float | None:
     """The period at which a channel has values, where it is a slow one between faster ones; s.
 
-    Parameters
-    ----------
-    time : (n,) s. values : (n,); NaN where one is missing. period : s, of the rows.
+    `time`: (n,) s. `values`: (n,); NaN where one is missing. `period`: s, of the rows.
 
     Examples
     --------

@@ -106,9 +106,7 @@ def _number(value: Any) -> float:
 def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], bytes, int]:
     """Whole lines of what came, the rest, and how many lines were dropped for their length.
 
-    Parameters
-    ----------
-    tail : rest of the last call. chunk : what came. ended : whether it was the last.
+    `tail`: rest of the last call. `chunk`: what came. `ended`: whether it was the last.
 
     Examples
     --------

@@ -109,9 +109,7 @@ def require_size(rows: int, columns: int, where: Path) -> None:
 def require_stored(declared: int, stored: int, where: Path) -> None:
     """Refuse arrays that a damaged head declares far larger than what the file holds could unpack to.
 
-    Parameters
-    ----------
-    declared : bytes of all arrays. stored : bytes that they take in the file.
+    `declared`: bytes of all arrays. `stored`: bytes that they take in the file.
 
     Raises InputError: names both figures.
     """
@@ -157,9 +155,7 @@ def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
 
     The nanoseconds are subtracted before the floats lose them.
 
-    Parameters
-    ----------
-    stamps : (n,) datetime64; NaT where one is missing.
+    `stamps`: (n,) datetime64; NaT where one is missing.
 
     Examples
     --------

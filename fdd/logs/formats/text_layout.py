@@ -124,10 +124,8 @@ def find_layout(
 ) -> Layout | None:
     """The layout of a text file by its first lines; None where no row of numbers stands below a row of names.
 
-    Parameters
-    ----------
-    lines : the first some hundred lines. separator, decimal : where they are known.
-    skip : lines that are no part of the table.
+    `lines`: the first some hundred lines. `separator`, `decimal`: where they are known. `skip`: lines that
+    are no part of the table.
 
     Examples
     --------

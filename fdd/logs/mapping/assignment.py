@@ -36,10 +36,7 @@ def assign(scores: dict[str, dict[str, float]], channels: list[str]) -> dict[str
 
     How sure a choice is follows from how much the total falls where it is forbidden.
 
-    Parameters
-    ----------
-    scores : signal to channel to nats; a channel that is not there is impossible.
-    channels : to be filled.
+    `scores`: signal to channel to nats; a channel that is not there is impossible. `channels`: to be filled.
     """
     from scipy.optimize import linear_sum_assignment
 

@@ -90,9 +90,7 @@ class Clues:
 def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
     """Read a log's signals and score them.
 
-    Parameters
-    ----------
-    log : opened. words : to read names by. given : channel to signal, as the user knows it; "" for none.
+    `log`: opened. `words`: to read names by. `given`: channel to signal, as the user knows it; "" for none.
 
     Raises InputError: nothing in the log can be its time.
     """

@@ -171,10 +171,8 @@ class Proposal:
 def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | None = None) -> Proposal:
     """Propose a map for a log.
 
-    Parameters
-    ----------
-    log : opened. words : to read names by; the shipped ones.
-    given : what the user knows, by channel; see `given_of`.
+    `log`: opened. `words`: to read names by; the shipped ones. `given`: what the user knows, by channel; see
+    `given_of`.
 
     Raises InputError: nothing in the log can be its time, or a given signal is not there.
     """
