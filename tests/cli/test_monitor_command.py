@@ -76,28 +76,6 @@ def test_what_cannot_be_monitored_is_refused(run, one_line, logs, tiny_model_fil
     assert result.stderr.splitlines()[-1].startswith(f"fdd: error: {told}")
 
 
-@pytest.mark.parametrize("listed", [True, False])
-def test_blocks_on_standard_input_give_the_diagnosis(run, logs, tiny_model_file, offline, listed) -> None:
-    """As docs/serve-blocks.md describes them."""
-    samples = read_log(logs["leaking"]).samples
-    lines = []
-    for number, part in enumerate(samples.blocks(1000)):
-        time = {"start": float(part.time[0]), "period": 0.001, "n": len(part)}
-        block = {
-            "schema": "fdd.block/1", "axis": "A1", "sequence": number,
-            "time": part.time.tolist() if listed else time,
-            "columns": {n: v.tolist() for n, v in part.columns.items()},
-        }  # fmt: skip
-        lines.append(json.dumps(block).encode() + b"\n")
-    given = ["--unit", "axis_a", "--model", tiny_model_file, "--json"]
-    result = run("monitor", "-", *given, input=b"".join(lines))
-    assert result.exit_code == 0, result.stderr
-    answer = events(result.stdout)[-1]["diagnosis"]
-    assert [f["fault"] for f in answer["faults"]] == [f["fault"] for f in offline["faults"]]
-    if listed:
-        assert answer["faults"] == offline["faults"] and answer["samples"] == len(samples)
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_with_the_summary(logs, tiny_model_file, number) -> None:
     command = [sys.executable, "-c", "from fdd.cli import main; main()", "monitor", "-", "--unit", "axis_a"]

@@ -11,9 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from made_up_logs import mcap_of, refused, refused_log
-from mcap.reader import make_reader
 
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats import open_log
@@ -62,7 +60,7 @@ def ros_message(k: int) -> dict[str, Any]:
     }
 
 
-def test_ros2_messages_of_any_shape(tmp_path: Path) -> None:
+def test_reading_ros2_messages_of_any_shape(benchmark: Any, tmp_path: Path) -> None:
     from mcap_ros2.writer import Writer as RosWriter
 
     with (tmp_path / "a.mcap").open("wb") as stream:
@@ -75,7 +73,7 @@ def test_ros2_messages_of_any_shape(tmp_path: Path) -> None:
     names = ["motor.speed", "motor.counts", "pressures[1]", "extra[0]", "running", "mode"]
     names += ["position", "header.stamp"]
     assert {f"/daq.{n}" for n in names} <= set(log.signals)
-    read = log.read([f"/daq.{n}" for n in names])
+    read = benchmark(log.read, [f"/daq.{n}" for n in names])
     k = np.arange(N)
     wanted = (0.5 * k, -(2.0**40) - k, 2e5 - k, 0.25 * k, k % 2 == 0, -3.0 + 0 * k, 1e-3 * k, 7 + 1e-3 * k)
     for name, values in zip(names, wanted, strict=True):
@@ -125,7 +123,7 @@ def protobuf_schema() -> tuple[Any, bytes]:
     return kind, descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
 
 
-def test_protobuf_messages(tmp_path: Path) -> None:
+def test_reading_protobuf_messages(benchmark: Any, tmp_path: Path) -> None:
     kind, schema = protobuf_schema()
     messages, wanted = [], []
     for k in range(N):
@@ -141,7 +139,7 @@ def test_protobuf_messages(tmp_path: Path) -> None:
     log = open_log(path)
     assert "/daq.list[2]" not in log.signals and "/daq.many[2].w" not in log.signals
     names = ("d", "f", "u64", "flag", "s64", "motor.w", "motor.packed[0]", "many[1].w", "list[1]")
-    read = log.read([f"/daq.{n}" for n in names])
+    read = benchmark(log.read, [f"/daq.{n}" for n in names])
     np.testing.assert_array_equal(np.column_stack([read[f"/daq.{n}"] for n in names]), wanted)
 
 
@@ -154,7 +152,7 @@ def test_a_cut_protobuf_message_is_told(tmp_path: Path) -> None:
     assert "a Protobuf message is damaged" in refused(lambda: open_log(path).read(["/daq.d"]))
 
 
-def test_json_of_every_make_up(tmp_path: Path) -> None:
+def test_reading_json_of_every_make_up(benchmark: Any, tmp_path: Path) -> None:
     """Test: messages over several lines, absent and null members, lists, NaN. Expected: json's own values."""
     objects: list[dict[str, Any]] = [
         {"x": 0.5 * k, "p": {"a": k, "list": [k, 2.0]}, "on": k % 2 == 0, **({} if k % 3 else {"rare": None})}
@@ -166,7 +164,7 @@ def test_json_of_every_make_up(tmp_path: Path) -> None:
     schema = ("Daq", "jsonschema", b'{"properties": {"x": {"unit": "mm"}}}')
     log = open_log(mcap_of(tmp_path / "a.mcap", texts, "/daq", "json", schema))
     assert log.signals["/daq.x"].unit == "mm"
-    read = log.read([f"/daq.{n}" for n in ("x", "p.a", "p.list[0]", "on")])
+    read = benchmark(log.read, [f"/daq.{n}" for n in ("x", "p.a", "p.list[0]", "on")])
     row = np.arange(N)
     wanted = (np.where(row == 7, np.nan, 0.5 * row), np.where(row == 9, np.nan, row), row, row % 2 == 0)
     for values, expected in zip(read.values(), wanted, strict=True):
@@ -183,43 +181,3 @@ def test_what_cannot_be_read_says_why(tmp_path: Path) -> None:
     ):
         path = mcap_of(tmp_path / "a.mcap", [b"\0\1\0\0" * 4] * 3, "/daq", encoding, schema)
         assert said in refused_log(path, wanted)
-
-
-MESSAGES = 2_000
-NAMES = [f"signal_{k}" for k in range(10)]
-
-
-@pytest.mark.parametrize("encoding", ["json", "protobuf", "cdr"])
-def test_reading_many_messages(benchmark: Any, tmp_path: Path, encoding: str) -> None:
-    """Test: ten numbers a message. Expected: bit for bit what the encoding's own library reads."""
-    from google.protobuf import descriptor_pb2
-    from mcap_protobuf.decoder import DecoderFactory
-    from mcap_ros2.decoder import DecoderFactory as RosFactory
-
-    rows = RNG.normal(size=(MESSAGES, len(NAMES))).cumsum(axis=0).tolist()
-    file = descriptor_pb2.FileDescriptorProto(name="d.proto", package="rig", syntax="proto3")
-    kind = file.message_type.add(name="Daq")
-    for k, name in enumerate(NAMES, 1):
-        kind.field.add(name=name, number=k, type=1, label=1)
-    descriptors = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
-    ros = "\n".join(f"float64 {n}" for n in NAMES).encode()
-    kinds: dict[str, tuple[tuple[str, str, bytes], Any]] = {
-        "json": (
-            ("Daq", "jsonschema", b"{}"), lambda r: json.dumps(dict(zip(NAMES, r, strict=True))).encode(),
-        ),
-        "protobuf": (
-            ("rig.Daq", "protobuf", descriptors),
-            lambda r: b"".join(bytes([k << 3 | 1]) + struct.pack("<d", v) for k, v in enumerate(r, 1)),
-        ),
-        "cdr": (("rig/msg/Daq", "ros2msg", ros), lambda r: b"\0\1\0\0" + struct.pack("<10d", *r)),
-    }  # fmt: skip
-    schema, packed = kinds[encoding]
-    path = mcap_of(tmp_path / "a.mcap", map(packed, rows), "/daq", encoding, schema)
-    found = benchmark(lambda: open_log(path).read([f"/daq.{n}" for n in NAMES]))
-    with path.open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory(), RosFactory()])
-        if encoding == "json":
-            plain = [[m[n] for n in NAMES] for m in (json.loads(x[2].data) for x in reader.iter_messages())]
-        else:
-            plain = [[getattr(x.decoded_message, n) for n in NAMES] for x in reader.iter_decoded_messages()]
-    np.testing.assert_array_equal(np.column_stack(list(found.values())), plain)

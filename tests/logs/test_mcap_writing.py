@@ -39,7 +39,7 @@ def bits(values: object) -> list[int]:
     st.lists(any_double, min_size=1, max_size=30), st.lists(any_double, min_size=1, max_size=3),
     st.sampled_from([1, 2, 14, 15, 16, 17, 130]), st.integers(0, 2**62),  # tags of one and of two bytes
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_every_value_comes_back_to_the_bit(
     values: list[float], others: list[float], fields: int, start_ns: int
 ) -> None:
@@ -80,7 +80,7 @@ def mixed(seed: int, *queues: list[RunBlock]) -> Iterator[RunBlock]:
 
 
 @given(first=cuts, second=cuts, order=st.integers(0, 2**32))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_two_axes_in_any_blocks_and_any_order(first: list[int], second: list[int], order: int) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "dual.mcap"
