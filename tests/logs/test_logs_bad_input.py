@@ -37,7 +37,6 @@ def back_one_second(f: Frame) -> Frame:
 PRESSURES = ["pressure_difference", "pressure_1", "pressure_2"]
 UNUSABLE: dict[str, tuple[Callable[[Frame], Frame], list[str]]] = {
     "clock reset": (back_one_second, ["time runs backwards", "2.000000 s after 2.999000 s", "sort the log"]),
-    "reversed": (lambda f: f[::-1], ["time runs backwards"]),
     "one second": (lambda f: f[:1000], ["a log of 1 s (1000 rows)", "at least 5 s"]),
     "one row": (lambda f: f[:1], ["too short"]),
     "no position": (lambda f: f.drop(columns="position"), ["missing channels: position"]),
@@ -47,7 +46,6 @@ UNUSABLE: dict[str, tuple[Callable[[Frame], Frame], list[str]]] = {
     ),
     "all NaN": (put("position", slice(None), np.nan), ["position", "without a single value"]),
     "bar": (scaled(PRESSURES, 1e-5), ["pressures look like bar", "unit: bar"]),
-    "kPa": (scaled(PRESSURES, 1e-3), ["pressures look like", "unit:"]),
     "only Δp in bar": (
         lambda f: scaled(PRESSURES, 1e-5)(f).drop(columns=["pressure_1", "pressure_2"]), ["look like bar"],
     ),

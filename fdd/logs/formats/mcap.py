@@ -196,7 +196,7 @@ class McapFile(LogFile):
     paths: dict[str, tuple[FieldPath, ...]] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
     damaged: int = 0
-    _stamps: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    _stamps: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """See `LogFile.read`. The rows are in the order of the log times."""
@@ -210,8 +210,11 @@ class McapFile(LogFile):
         if clock not in self._stamps:
             self._columns({clock: []})
         stamps = self._stamps[clock]
-        self.start_ns = self.start_ns or int(stamps[:1].sum())
-        return (stamps - self.start_ns) * np.float64(1e-9)
+        if stamps.dtype == np.int64:  # ns since 1970: as s where they stand, as a copy would take memory
+            self.start_ns = self.start_ns or int(stamps[:1].sum())
+            stamps -= self.start_ns
+            stamps = self._stamps[clock] = stamps * np.float64(1e-9)
+        return stamps
 
     def place(self, row: int) -> str:
         """The message of row `row`."""
