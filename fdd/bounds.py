@@ -90,7 +90,6 @@ LONGEST_BASE_60 = 40  # characters of a YAML number such as 1:20:30
 # The monitor
 MAX_LINE_BYTES = 16 << 20  # bytes of a JSON line
 MOST_PENDING = 4096  # lines that wait for the pipeline
-MAX_STATE_BYTES = 256 << 20  # bytes of a monitor's state, unpacked
 
 # The service
 MAX_BLOCK_BYTES = 16 << 20  # bytes of a block message

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parent.parent
 COMPILING = {
     "estimators": ["estimators"],
     "reports.estimators": ["reports.estimators", "estimators"],
-    "fdd.logs.wire": ["fdd.logs.wire"],
+    "fdd.logs.grid": ["fdd.logs.grid"],
     "fdd.plant": ["fdd.plant"],
     "fdd.residuals": ["fdd.residuals", "estimators"],
     "fdd.sensors": ["fdd.sensors"],

@@ -21,7 +21,6 @@ import typer
 from fdd.cli.failures import stopped_by_signals
 from fdd.cli.options import AxisOption, MapOption, ModelOption, SpeedOption, UnitOption, argument, option
 from fdd.errors import InputError
-from fdd.files import require_writable
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -45,16 +44,10 @@ def monitor(
     speed: SpeedOption = "1",
     json_: Annotated[bool, typer.Option("--json", help="Print events as JSON lines.")] = False,
     duration: Annotated[float | None, option("End after so many seconds of data.", min=0.0)] = None,
-    state: Annotated[
-        Path | None, option("Keep the state in this file: go on from it, save it every minute.")
-    ] = None,
 ) -> None:
     """Watch one axis: findings as they come, a summary at the end (or at Ctrl-C)."""
     rate = replay_speed(speed)
-    if state is not None:
-        require_writable(state)
 
-    import numpy as np
     from rich.live import Live
 
     from fdd.cli.console import output, progress, remark
@@ -64,7 +57,6 @@ def monitor(
     from fdd.identification.log_scales import StreamScales
     from fdd.logs import ChannelMap, read_log
     from fdd.monitor import JsonLines, LineParser, Noted, Replay, Status, WallClock, watch
-    from fdd.monitor.monitor import load_state, save_state
     from fdd.offline.diagnoser import quality_of, unit_of
 
     classifier = Model.load(model)
@@ -80,24 +72,11 @@ def monitor(
         given = log.axis
     profile, note = unit_of(log, unit)
     pipeline = Pipeline(profile, classifier, axis=given or profile.axis, log=name, keep_trajectories=False)
-    after = offset = math.nan
-    if state is not None and state.exists():
-        after, offset = load_state(state, pipeline)
     stream: JsonLines | Replay
-    seen, parser = 0, None
     if log is None:
-        parser = LineParser(channel_map)
-        parser.clock.last_time, parser.clock.offset = after, offset
-        stream = JsonLines(_standard_input(), parser, clock=clock)
+        stream = JsonLines(_standard_input(), LineParser(channel_map), clock=clock)
     else:
-        seen = 0 if math.isnan(after) else int(np.searchsorted(log.samples.time, after, side="right"))
-        rest = log.samples.rows(seen, len(log.samples))
-        stream = Replay(rest, quality_of(log.quality), speed=rate, clock=clock)
-
-    def keep(last_time: float) -> None:
-        assert state is not None
-        save_state(state, pipeline, last_time=last_time, offset=parser.clock.offset if parser else 0.0)
-
+        stream = Replay(log.samples, quality_of(log.quality), speed=rate, clock=clock)
     console = output()
     live = Live(console=console, transient=True, auto_refresh=False)
     shows_status = console.is_terminal and not json_
@@ -117,13 +96,10 @@ def monitor(
             remark(note)
         elif note:
             show(Noted(math.nan, note))
-        if seen:
-            show(Noted(math.nan, f"{seen} samples up to {after:.3f} s were seen before and are passed over"))
         try:
             answer = watch(
                 stream, pipeline, show, clock=clock, stopped=stop.is_set, duration=duration,
-                status_every=STATUS_S if shows_status else None, save=None if state is None else keep,
-                scales=StreamScales(profile, name),
+                status_every=STATUS_S if shows_status else None, scales=StreamScales(profile, name),
             )  # fmt: skip
         except InputError as error:
             raise (error if error.where == name else error.at(name)) from None

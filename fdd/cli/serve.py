@@ -161,7 +161,7 @@ def publish(
     import numpy as np
 
     from fdd.logs import read_log
-    from fdd.monitor.sources import pieces
+    from fdd.monitor import pieces
     from fdd.service.blocks import axis_name
     from fdd.service.publishing import Link, sendings
     from fdd.service.publishing import publish as send

@@ -93,9 +93,7 @@ class ChannelSource(BaseModel):
     def measure_of(self, channel: str) -> Measure:
         """The unit of measure, checked against the channel's dimension.
 
-        Raises
-        ------
-        InputError : names the channel and the units of measure that it may have.
+        Raises InputError: names the channel and the units of measure that it may have.
         """
         wanted = CHANNELS[channel]
         try:
@@ -117,9 +115,7 @@ class CsvLayout(BaseModel):
 class ChannelMap(BaseModel):
     """A whole map: sources by channel, and how a CSV file is laid out.
 
-    Raises
-    ------
-    InputError : from `load` and `from_yaml`: names the file, the channel and what is allowed.
+    Raises InputError: from `load` and `from_yaml`: names the file, the channel and what is allowed.
 
     Examples
     --------

@@ -39,9 +39,8 @@ def feeds_of(
 ) -> tuple[dict[str, Feed], str | None]:
     """The feeds by channel, and the axis.
 
-    Raises
-    ------
-    InputError : nothing that the map or the contract names is in the file, or the file has several axes.
+    Raises InputError: nothing that the map or the contract names is in the file, or the file has several
+    axes.
     """
     messages = isinstance(log, McapFile)
     if messages and log.truncated and not log.signals:
@@ -119,18 +118,12 @@ def _measurement(log: McapFile, axis: str | None) -> tuple[dict[str, Feed], str]
 
 
 def to_si(channel: str, source: ChannelSource, raw: Column, direction: Column | None = None) -> Column:
-    """One channel in SI: unwrap, give direction, scale, convert.
+    """One channel in its SI unit, (n,): unwrap, give direction, scale, convert.
 
     Parameters
     ----------
-    channel : its name in the contract.
-    source : the map's entry.
-    raw : (n,) numbers as they stand in the log.
-    direction : (n,) column named by ``sign_of``.
-
-    Returns
-    -------
-    (n,) values in the channel's SI unit.
+    channel, source : its name in the contract, and the map's entry.
+    raw, direction : (n,) numbers as they stand in the log, and those of the column named by ``sign_of``.
     """
     unit = source.measure_of(channel)
     values = raw if source.wrap is None else unwrap_counts(raw, source.wrap)
@@ -157,8 +150,7 @@ def directed(raw: Column, direction: Column, *, accumulate: bool) -> Column:
     raw : (n,) values; NaN where missing.
     direction : (n,) only its sign counts; NaN keeps the last sign. Before the first one a value is missing,
         and an angle stands.
-    accumulate : True for an angle: each step takes the sign of the row it ends
-        in. False multiplies the values.
+    accumulate : True for an angle: each step takes the sign of the row it ends in. False multiplies values.
     """
     known = np.where(np.isfinite(direction), np.arange(direction.size), -1)
     last = np.maximum.accumulate(known) if known.size else known
@@ -176,19 +168,15 @@ def directed(raw: Column, direction: Column, *, accumulate: bool) -> Column:
 def accumulate_speed(time: Column, speed: Column, period: float) -> Column:
     """Angle from speed samples, each of which stands for one nominal period.
 
-    Where the speed is a count difference over the nominal period, this gives the
-    counts back exactly. Missing rows and NaN are bridged by the mean of their
-    neighbours times the periods missed, up to `LONGEST_BRIDGE`.
+    Where the speed is a count difference over the nominal period, this gives the counts back exactly.
+    Missing rows and NaN are bridged by the mean of their neighbours times the periods missed, up to
+    `LONGEST_BRIDGE`.
 
     Parameters
     ----------
-    time : (n,) s, increasing.
-    speed : (n,) rad/s, NaN where missing.
-    period : s.
+    time, period : (n,) s, increasing; s. speed : (n,) rad/s, NaN where missing.
 
-    Returns
-    -------
-    (n,) rad, 0 at the first row that has a speed; NaN where the speed is NaN.
+    Returns (n,) rad, 0 at the first row that has a speed; NaN where the speed is NaN.
     """
     angle = np.full(time.size, np.nan)
     there = np.flatnonzero(np.isfinite(speed))

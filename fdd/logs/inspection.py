@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fdd.logs.formats.signals import LogFile
-from fdd.logs.names import is_time_name, time_unit, unit_in_name
+from fdd.logs.names import grows, is_time_name, time_unit, unit_in_name
 from fdd.measures import MEASURES
 from fdd.samples import Column
 
@@ -44,12 +44,7 @@ class SignalView:
 
 
 def inspect(log: LogFile) -> list[SignalView]:
-    """All signals of an opened log, in the order of the file.
-
-    Parameters
-    ----------
-    log : opened.
-    """
+    """All signals of an opened log, in the order of the file."""
     clocks: dict[str, tuple[float, float]] = {}
     out = []
     try:
@@ -61,7 +56,7 @@ def inspect(log: LogFile) -> list[SignalView]:
         try:
             values = read[signal.name] if read else log.read([signal.name])[signal.name]
             if signal.clock not in clocks:
-                clocks[signal.clock] = _clock(_stamps_of(log, signal.clock))
+                clocks[signal.clock] = _clock(log, signal.clock)
             out.append(_view(signal.name, unit, values, *clocks[signal.clock]))
         except ValueError as error:
             text = str(error).removeprefix(f"{log.path}: ")
@@ -69,23 +64,16 @@ def inspect(log: LogFile) -> list[SignalView]:
     return out
 
 
-def _stamps_of(log: LogFile, clock: str) -> Column | None:
-    """The file's own stamps, or a column that is called a time and grows."""
-    own = log.stamps(clock)
-    if own is not None:
-        return own
-    for signal in log.signals.values():
+def _clock(log: LogFile, clock: str) -> tuple[float, float]:
+    """Rate (Hz) and longest gap (s) of the file's stamps, or of a column that is called a time and grows."""
+    stamps = log.stamps(clock)
+    for signal in log.signals.values() if stamps is None else ():
         if signal.clock == clock and is_time_name(signal.name):
             values = log.read([signal.name])[signal.name]
-            steps = np.diff(values[np.isfinite(values)])
-            if steps.size and (steps >= 0.0).mean() > 0.95:
-                unit = time_unit(signal.name, signal.unit, float(np.median(steps)))
-                return values * MEASURES[unit].factor
-    return None
-
-
-def _clock(stamps: Column | None) -> tuple[float, float]:
-    """Rate (Hz) and longest gap (s) of stamps, NaN where they do not tell."""
+            if grows(values):
+                step = float(np.median(np.diff(values[np.isfinite(values)])))
+                stamps = values * MEASURES[time_unit(signal.name, signal.unit, step)].factor
+                break
     steps = np.diff(stamps[np.isfinite(stamps)]) if stamps is not None else np.empty(0)
     usual = float(np.median(steps)) if steps.size else np.nan
     return 1.0 / usual if usual > 0.0 else np.nan, float(steps.max()) if steps.size else np.nan

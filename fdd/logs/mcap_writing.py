@@ -2,23 +2,37 @@
 
 Topics are the contract's: ``/eha/<axis>/measurement``, ``/truth``, ``/estimate`` and ``/diagnosis``, and
 ``/events`` with `foxglove.Log` messages in JSON. Truth never stands in the measurement.
+
+Columns are written by the chunk: their Protobuf messages have one length, and are one NumPy array. A chunk
+holds one topic; those of several topics overlap in time, and readers go by the index's log times.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import MessageIndex
+from mcap.writer import Writer
+from numpy.typing import ArrayLike, NDArray
 
+from fdd import __version__
 from fdd.errors import InputError
-from fdd.samples import Samples
+from fdd.files import whole_file
+from fdd.samples import CHANNELS, Samples
 
+CHUNK_BYTES = 1 << 20
+_HEAD = np.dtype("u1, <u8, <u2, <u4, <u8, <u8")
+"""Of a message record: opcode, length, channel, sequence, log time, publish time."""
 _NUMBER, _TEXT = {"type": "integer"}, {"type": "string"}
 LOG_SCHEMA = {
     "title": "foxglove.Log", "type": "object",
@@ -82,13 +96,8 @@ def write_blocks(
     scenario_json, labels : metadata records ``scenario`` and ``labels`` (key json).
     start_ns : ns; log time of t = 0.
 
-    Raises
-    ------
-    InputError : an axis that is no topic, columns that change, or a folder that is not there.
+    Raises InputError: an axis that is no topic, columns that change, or a folder that is not there.
     """
-    # Takes a while to import: not before it is needed.
-    from fdd.logs.mcap_chunks import mcap_file
-
     if not axes or len(set(axes)) < len(axes):
         raise InputError("a run needs axes of different names", where=path, mend="name each axis once")
     for axis in axes:
@@ -145,8 +154,6 @@ def write_annotated(
         and detection of each of its faults.
     start_ns : ns; log time of t = 0.
     """
-    from fdd.logs.mcap_chunks import mcap_file
-
     require_axis(axis)
     metadata = {} if unit_yaml is None else {"unit": {"yaml": unit_yaml}}
     metadata["diagnosis"] = {"json": diagnosis_json}
@@ -160,26 +167,21 @@ def write_annotated(
         if faults := json.loads(diagnosis_json).get("faults"):
             schema = out.register_schema("foxglove.Log", "jsonschema", json.dumps(LOG_SCHEMA).encode())
             channel = out.register_channel(f"{root}/events", "json", schema)
-            for time, level, text in (event for fault in faults for event in _events(fault)):
+            events = []
+            for fault in faults:
+                names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
+                sure = f"confidence {fault['confidence']:.2f}"
+                said = "; ".join([sure, *fault.get("evidence", [])])
+                events.append((fault["onset_s"], _WARNING, f"{names} begins ({sure})"))
+                events.append((fault["detected_s"], _ERROR, f"{names} detected ({said})"))
+            for time, level, text in events:
                 stamp = int(out.log_times([time])[0])
-                second, nanosecond = divmod(stamp, 1_000_000_000)
                 message = {
-                    "timestamp": {"sec": second, "nsec": nanosecond}, "level": level, "message": text,
-                    "name": axis, "file": "", "line": 0,
+                    "timestamp": {"sec": stamp // 10**9, "nsec": stamp % 10**9}, "level": level,
+                    "message": text, "name": axis, "file": "", "line": 0,
                 }  # fmt: skip
                 out.add_message(channel, stamp, json.dumps(message, ensure_ascii=False).encode(), stamp)
         out.add_columns({name: columns for name, columns in topics.items() if np.size(columns["time"])})
-
-
-def _events(fault: Mapping[str, Any]) -> list[tuple[float, int, str]]:
-    """Time (s), level and text of the onset and of the detection of a finding."""
-    names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
-    sure = f"confidence {fault['confidence']:.2f}"
-    said = "; ".join([sure, *fault.get("evidence", [])])
-    return [
-        (fault["onset_s"], _WARNING, f"{names} begins ({sure})"),
-        (fault["detected_s"], _ERROR, f"{names} detected ({said})"),
-    ]
 
 
 def _estimate_columns(t: Mapping[str, Any]) -> dict[str, Any]:
@@ -208,3 +210,163 @@ def _diagnosis_columns(t: Mapping[str, Any]) -> dict[str, Any]:
     columns |= {f"probabilities.{name}": values for name, values in t.get("probabilities", {}).items()}
     features = np.transpose(t.get("features", ()))
     return columns | {f"features.{n}": f for n, f in zip(t.get("feature_names", ()), features, strict=True)}
+
+
+class _Topic(NamedTuple):
+    """Columns (whether boolean), channel, and message record: one of zeros, and where its values stand."""
+
+    columns: dict[str, bool]
+    channel: int
+    record: bytes
+    places: np.dtype[np.void]
+
+
+class _Index(MessageIndex):
+    """A message index of (n, 2) log times and offsets; the library's writes them number by number."""
+
+    def write(self, stream: RecordBuilder) -> None:
+        entries = np.asarray(self.records, dtype="<u8").tobytes()
+        stream.start_record(Opcode.MESSAGE_INDEX)
+        stream.write2(self.channel_id)
+        stream.write4(len(entries))
+        stream.write(entries)
+        stream.finish_record()
+
+
+class ColumnWriter(Writer):
+    """The library's writer (chunks of `CHUNK_BYTES`, zstd, checksums, indexes), which takes columns too.
+
+    `stream` is open for writing bytes; `start_ns`, ns, is the log time of t = 0.
+    """
+
+    def __init__(self, stream: Any, start_ns: int) -> None:
+        super().__init__(stream, chunk_size=CHUNK_BYTES)
+        self._start_ns = start_ns
+        self._topics: dict[str, _Topic] = {}
+
+    def log_times(self, time: ArrayLike) -> NDArray[np.int64]:
+        """Log times (ns) of (n,) seconds; InputError before 0, which MCAP cannot hold."""
+        stamps = self._start_ns + np.rint(np.asarray(time, dtype=np.float64) * 1e9).astype(np.int64)
+        if stamps.size and stamps.min() < 0:
+            raise InputError(
+                f"time starts at {np.min(time):.3f} s, MCAP has no negative times", mend="give a start_ns"
+            )
+        return np.asarray(stamps)
+
+    def add_columns(self, topics: Mapping[str, Mapping[str, ArrayLike]]) -> None:
+        """Write the next messages of some topics, their chunks in the order of time.
+
+        Parameters
+        ----------
+        topics : name to columns (n,), with a ``time``, s; ``ekf.leakage`` is a field of a nested message.
+
+        Raises InputError: columns of several lengths, or other ones than the topic's; a time before 0.
+        """
+        chunks = []
+        for name, columns in topics.items():
+            stamps, values = self.log_times(columns["time"]), {f: np.asarray(v) for f, v in columns.items()}
+            kinds = {field: column.dtype == np.bool_ for field, column in values.items()}
+            topic = self._topics.get(name) or self._register(name, kinds)
+            if kinds != topic.columns:
+                told = f"{name}: columns {', '.join(kinds)} after blocks with {', '.join(topic.columns)}"
+                raise InputError(told, mend="give all blocks the same columns")
+            for field, column in values.items():
+                if column.shape != stamps.shape:
+                    raise InputError(f"{name} {field}: {column.size} values for {stamps.size} time stamps")
+            rows = max(1, CHUNK_BYTES // len(topic.record))
+            for k in range(0, stamps.size, rows):
+                chunks.append((int(stamps[k]), topic, stamps, values, slice(k, k + rows)))
+        for _, topic, stamps, values, part in sorted(chunks, key=lambda chunk: chunk[0]):
+            self._add_chunk(topic, stamps[part], {f: column[part] for f, column in values.items()})
+
+    def _register(self, name: str, kinds: dict[str, bool]) -> _Topic:
+        title = f"fdd.{name.rpartition('/')[2].title()}"
+        package, _, short = title.rpartition(".")
+        files = FileDescriptorSet()
+        # proto2, whose fields tell whether they are there without the made-up oneofs of proto3.
+        file = files.file.add(name=f"{title}.proto", package=package, syntax="proto2")
+        message, places = _layout(kinds, file.message_type.add(name=short), f".{title}")
+        names, formats, offsets = zip(*places, strict=True)
+        values: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(message)}
+        about = {f: f"{CHANNELS[f].unit}: {CHANNELS[f].meaning}" for f in kinds if f in CHANNELS}
+        schema = self.register_schema(title, "protobuf", files.SerializeToString())
+        channel = self.register_channel(name, "protobuf", schema, about)
+        # The length leaves out the opcode and itself.
+        head = np.array((Opcode.MESSAGE, _HEAD.itemsize - 9 + len(message), channel, 0, 0, 0), _HEAD)
+        whole = np.dtype([("head", _HEAD), ("message", np.dtype(values))])
+        return self._topics.setdefault(name, _Topic(kinds, channel, head.tobytes() + message, whole))
+
+    def _add_chunk(
+        self, topic: _Topic, stamps: NDArray[np.int64], values: Mapping[str, NDArray[Any]]
+    ) -> None:
+        self.flush()
+        n, body = stamps.size, bytearray(topic.record) * stamps.size
+        records = np.frombuffer(body, topic.places)
+        records["head"]["f4"] = records["head"]["f5"] = stamps
+        for field, column in values.items():
+            # Foxglove shows an absent number as 0 and leaves NaN out, but scales its axis to an infinity.
+            records["message"][field] = np.where(np.isinf(column), np.nan, column)
+        # What the library notes of messages that come one by one; it has no way in for many.
+        chunk, counts = vars(self)["_Writer__chunk_builder"], vars(self)["_Writer__statistics"]
+        entries: Any = np.stack([stamps, chunk.count + len(topic.record) * np.arange(n)], axis=1)
+        first, last = int(stamps.min()), int(stamps.max())
+        chunk.message_indices[topic.channel] = _Index(topic.channel, entries)
+        chunk.message_start_time, chunk.message_end_time, chunk.num_messages = first, last, n
+        chunk.record_writer.write(body)
+        counts.message_start_time = min(first, counts.message_start_time) if counts.message_count else first
+        counts.message_end_time = max(last, counts.message_end_time)
+        counts.message_count += n
+        counts.channel_message_counts[topic.channel] += n
+        self.flush()
+
+
+def _layout(fields: Mapping[str, bool], type_: Any, title: str) -> tuple[bytes, list[tuple[str, str, int]]]:
+    """Declare fields; of messages of one length one of zeros, and name, format and offset of each value.
+
+    Each field is always there: an ``optional double``, or an ``optional bool`` (True); ``ekf.leakage`` is the
+    field leakage of the nested message ekf.
+    """
+    groups: dict[str, dict[str, bool]] = {}
+    for path, boolean in fields.items():
+        name, _, rest = path.partition(".")
+        groups.setdefault(name, {})[rest] = boolean
+    message, places = b"", []
+    for number, (name, members) in enumerate(groups.items(), start=1):
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+            raise InputError(f"{name[:70]!r} cannot name a field", mend="use letters, digits and _")
+        field = type_.field.add(name=name, number=number)
+        field.label = field.LABEL_OPTIONAL
+        if "" in members:
+            boolean = members[""]
+            field.type = field.TYPE_BOOL if boolean else field.TYPE_DOUBLE
+            message += _varint(number << 3 | (not boolean))
+            places.append((name, "?" if boolean else "<f8", len(message)))
+            message += bytes(1 if boolean else 8)
+        else:
+            field.type, field.type_name = field.TYPE_MESSAGE, f"{title}.{name}_fields"
+            inner, below = _layout(members, type_.nested_type.add(name=f"{name}_fields"), field.type_name)
+            message += _varint(number << 3 | 2) + _varint(len(inner))
+            places += [(f"{name}.{path}", form, len(message) + at) for path, form, at in below]
+            message += inner
+    return message, places
+
+
+def _varint(value: int) -> bytes:
+    return bytes([value]) if value < 128 else bytes([value & 127 | 128]) + _varint(value >> 7)
+
+
+@contextmanager
+def mcap_file(
+    path: str | Path, metadata: Mapping[str, Mapping[str, str]] | None = None, start_ns: int = 0
+) -> Iterator[ColumnWriter]:
+    """A file to write columns into; it appears whole or not at all.
+
+    `metadata`, records of name to texts, come first: a file that is cut off later still tells what it was.
+    """
+    with whole_file(path) as temporary, temporary.open("wb") as stream:
+        writer = ColumnWriter(stream, start_ns)
+        writer.start(library=f"fdd {__version__}")
+        for name, values in (metadata or {}).items():
+            writer.add_metadata(name, dict(values))
+        yield writer
+        writer.finish()

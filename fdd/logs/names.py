@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from fdd.bounds import LONGEST_NAME
 from fdd.measures import MEASURES, find_measure
+from fdd.samples import Column
 
 _TIMES = {
     "time", "times", "t", "zeit", "temps", "stamp", "stamps", "timestamp", "timestamps", "zeitstempel",
@@ -87,6 +90,12 @@ def is_time_name(name: str) -> bool:
     (True, True, False)
     """
     return bare_name(name).strip("_ ") in _TIMES
+
+
+def grows(values: Column) -> bool:
+    """Whether (n,) values never fall, but for a few rows, as a clock does not."""
+    steps = np.diff(values[np.isfinite(values)])
+    return steps.size > 0 and float((steps >= 0.0).mean()) >= 0.95
 
 
 def time_unit(name: str, unit: str | None, step: float) -> str:

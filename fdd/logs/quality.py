@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.logs.wire.grid import grid_numbers
+from fdd.logs.grid import grid_numbers
 from fdd.measures import measure
 from fdd.samples import PRESSURES, Column
 
@@ -40,18 +40,11 @@ def increasing_time(
 
     Parameters
     ----------
-    time : (n,) s, as read.
-    place : how a user finds a row in the log.
+    time : (n,) s, as read. place : how a user finds a row in the log.
 
-    Returns
-    -------
-    time : (m,) s, strictly increasing.
-    rows : (m,) rows kept.
-    notes : what was done.
+    Returns (m,) s, strictly increasing; (m,) rows kept; notes of what was done.
 
-    Raises
-    ------
-    InputError : time runs backwards for more than a few late stamps, or is missing everywhere.
+    Raises InputError: time runs backwards for more than a few late stamps, or is missing everywhere.
     """
     notes: list[str] = []
     time = _spread_packets(time, notes)
@@ -127,24 +120,19 @@ def nominal_period(time: Column) -> float:
 def sample_numbers(time: Column, period: float) -> NDArray[np.int64]:
     """Number of each row on the grid of the nominal period, so that gaps are whole periods.
 
-    A stamp that came late makes a long step and then a short one; the row keeps
-    its own number, it is not counted as a missing row.
+    A stamp that came late makes a long step and then a short one; the row keeps its own number, it is not
+    counted as a missing row.
 
     Parameters
     ----------
-    time : (n,) s, increasing.
-    period : s, nominal.
+    time, period : (n,) s, increasing; s, nominal.
 
-    Returns
-    -------
-    (n,) integers, strictly increasing; a step of k means k - 1 missing rows.
+    Returns (n,) integers, strictly increasing; a step of k means k - 1 missing rows.
 
     Examples
     --------
     >>> sample_numbers(np.array([0.0, 1.0, 2.9, 3.0, 5.0]), 1.0).tolist()
     [0, 1, 2, 3, 5]
-    >>> sample_numbers(np.array([0.0, 1.0, 2.4999, 2.9998, 4.0]), 1.0).tolist()
-    [0, 1, 2, 3, 4]
     """
     return np.asarray(grid_numbers(time, period)) if time.size else np.empty(0, dtype=np.int64)
 
@@ -172,9 +160,7 @@ class DataQuality:
 def check_time(time: Column, shortest: float) -> DataQuality:
     """Count missing rows, late stamps and time jumps.
 
-    Raises
-    ------
-    InputError : fewer than `shortest` seconds of data.
+    Raises InputError: fewer than `shortest` seconds of data.
     """
     period = nominal_period(time)
     seconds = 0.0 if time.size < 2 else min(float(time[-1] - time[0]) + period, time.size * period)
@@ -222,9 +208,7 @@ def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | N
     ----------
     columns : in SI. units : what the map or the file gives a channel in; SI where it says nothing.
 
-    Raises
-    ------
-    InputError : names the channel, the largest value as it was written, and the likely unit.
+    Raises InputError: names the channel, the largest value as it was written, and the likely unit.
     """
     said = units or {}
 
@@ -232,7 +216,11 @@ def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | N
         mend = f"give unit: {likely}" if likely != unit else "correct its scale or unit"
         return InputError(f"channel {channel}: {problem}", mend=f"{mend} in the map (--map)")
 
-    largest = {name: _largest(columns[name]) for name in (*PRESSURES, "position") if name in columns}
+    judged = {name: columns[name] for name in (*PRESSURES, "position") if name in columns}
+    largest = {
+        name: float(max(np.nanmax(v), -np.nanmin(v))) if np.isfinite(v).any() else 0.0
+        for name, v in judged.items()
+    }
     chambers = [largest[name] for name in ("pressure_1", "pressure_2") if name in largest]
     # What a chamber's largest pressure reaches at least: more where no chamber shows any.
     quiet = bool(chambers) and max(*chambers, largest.get("pressure_difference", 0.0)) < 2e4
@@ -257,7 +245,3 @@ def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | N
         scale = measure(unit, "temperature")
         written = (float(np.nanmedian(oil)) - scale.offset) / scale.factor
         raise refused("oil_temperature", f"{written:.0f} {unit}, looks like kelvin", unit, "K")
-
-
-def _largest(values: Column) -> float:
-    return float(max(np.nanmax(values), -np.nanmin(values))) if np.isfinite(values).any() else 0.0

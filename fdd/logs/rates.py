@@ -30,12 +30,9 @@ def aligned(at: Column, stamps: Column, values: Column) -> Column:
 
     Parameters
     ----------
-    at : (n,) s, increasing; the rows.
-    stamps : (m,) s, of the series. values : (m,); NaN where one is missing.
+    at : (n,) s, increasing; the rows. stamps, values : (m,) s and values of the series; NaN where missing.
 
-    Returns
-    -------
-    (n,) values, NaN where no measurement belongs to the row.
+    Returns (n,) values, NaN where no measurement belongs to the row.
 
     Examples
     --------
@@ -83,9 +80,7 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
     ----------
     time : (n,) s. values : (n,); NaN where one is missing. period : s, of the rows.
 
-    Returns
-    -------
-    (n,) measurements with NaN between, and their period in s; None where the values are all its own.
+    Returns (n,) measurements with NaN between, and their period in s; None where the values are all its own.
 
     Examples
     --------
@@ -104,9 +99,11 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
     changed = np.concatenate(([True], steps != 0.0))
     bent = np.concatenate(([True], np.abs(np.diff(steps)) > ROUNDING * float(np.ptp(known)), [True]))
     own = [rows for rows in (changed, bent) if LEAST_CHANGES <= rows.sum() <= 0.6 * rows.size]
-    if not own or _one_count_at_a_time(steps):
-        return None  # an encoder at a steady speed has a rhythm, too
-    del known, steps, changed, bent
+    moved = np.abs(steps[steps != 0.0])
+    # Most changes as small as the smallest: an encoder at a steady speed has a rhythm, too.
+    if not own or np.count_nonzero(moved < 1.5 * moved.min(initial=np.inf)) > 0.5 * moved.size:
+        return None
+    del known, steps, changed, bent, moved
     numbers = sample_numbers(time if whole else time[there], period)
     for rows in own:
         measured = numbers[rows]
@@ -119,12 +116,6 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
             there[there] = np.isin(numbers, np.append(wanted, measured[-1]))
             return np.where(there, values, np.nan), rhythm * period
     return None
-
-
-def _one_count_at_a_time(steps: Column) -> bool:
-    """Whether most changes are as small as the smallest."""
-    moved = np.abs(steps[steps != 0.0])
-    return np.count_nonzero(moved < 1.5 * moved.min(initial=np.inf)) > 0.5 * moved.size
 
 
 def _rhythm(numbers: NDArray[np.int64]) -> float | None:
@@ -153,9 +144,7 @@ def on_common_rows(
     Two slow channels that take turns never meet; then the others have to be read between their measurements
     (`between`).
 
-    Parameters
-    ----------
-    time : (n,) s. columns : (n,) each; NaN where not measured. needed : channels that have to meet.
+    `time`: (n,) s. `columns`: (n,) each; NaN where not measured. `needed`: channels that have to meet.
     """
     if time.size < LEAST_CHANGES:
         return None
@@ -186,9 +175,7 @@ def between(time: Column, values: Column, rows: NDArray[np.intp]) -> Column:
 def own_period(time: Column, values: Column, period: float) -> float | None:
     """The period at which a channel has values, where it is a slow one between faster ones; s.
 
-    Parameters
-    ----------
-    time : (n,) s. values : (n,); NaN where one is missing. period : s, of the rows.
+    `time`: (n,) s. `values`: (n,); NaN where one is missing. `period`: s, of the rows.
 
     Examples
     --------

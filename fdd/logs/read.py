@@ -13,7 +13,7 @@ from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import Feed, accumulate_speed, feeds_of, to_si
 from fdd.logs.formats import LogFile, open_log
 from fdd.logs.formats.mcap import McapFile
-from fdd.logs.formats.signals import Signal
+from fdd.logs.formats.signals import Signal, system_error
 from fdd.logs.quality import (
     DataQuality,
     check_magnitudes,
@@ -114,19 +114,20 @@ def read_log(
         made = {} if channel_map is None else channel_map.channels
         samples, quality = _judged(time, columns, made, units, shortest)
         quality.notes[:0] = notes
-        return Log(samples, quality, path.name, chosen, _of_axis(file.metadata, chosen), start_ns)
+        metadata, profiles = file.metadata, file.metadata.get("unit", {})
+        if chosen is not None and "yaml" not in profiles and chosen in profiles:  # of a run of several axes
+            metadata = {**metadata, "unit": {**profiles, "yaml": profiles[chosen]}}
+        return Log(samples, quality, path.name, chosen, metadata, start_ns)
     except InputError as error:
         raise (error if error.where == str(path) else error.at(path)) from None
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})", where=path) from None
+        raise system_error(error, path) from None
 
 
 def _on_one_time_base(file: LogFile, feeds: dict[str, Feed]) -> tuple[Column, dict[str, Column], bool]:
     """Channels in SI at the rows of the mapped time, or else of the fastest signal that a diagnosis needs.
 
-    Returns
-    -------
-    (n,) s; columns (n,) by channel; whether the time is the file's own clock.
+    Returns (n,) s; columns (n,) by channel; whether the time is the file's own clock.
     """
     asked = Counter(s.name for f in feeds.values() for s in (f.signal, f.direction) if s is not None)
     raw = file.read(n for n in asked if n in file.signals)
@@ -219,7 +220,17 @@ def _judged(
         )
     check_magnitudes(columns, units)
     recorded = set(columns)
-    _derive(time, columns, made, quality)
+    if "pump_speed" not in columns and "pump_speed" in made and made["pump_speed"].from_ == "command":
+        columns["pump_speed"] = columns["command"]
+        quality.notes.append(
+            "pump_speed: not measured, the command stands in for it: "
+            "what the drive does not follow looks like a leak"
+        )
+    if "pump_angle" not in columns:
+        stands_for = made["pump_angle"].period if "pump_angle" in made else None
+        columns["pump_angle"] = accumulate_speed(time, columns["pump_speed"], stands_for or quality.period)
+    if "pressure_difference" not in columns:
+        columns["pressure_difference"] = columns["pressure_1"] - columns["pressure_2"]
     slow = set()
     for name, values in columns.items():
         found = None if name in _HOLDS else own_measurements(time, values, quality.period)
@@ -242,28 +253,3 @@ def _judged(
     count_missing({n: v for n, v in columns.items() if n in recorded - slow}, quality)
     quality.notes += notes + [f"{name}: no value at all, taken as absent" for name in empty]
     return Samples(time, columns), quality
-
-
-def _derive(
-    time: Column, columns: dict[str, Column], made: dict[str, ChannelSource], quality: DataQuality
-) -> None:
-    """Add the pump's speed and angle and the pressure difference where the log has only what makes them."""
-    if "pump_speed" not in columns and "pump_speed" in made and made["pump_speed"].from_ == "command":
-        columns["pump_speed"] = columns["command"]
-        quality.notes.append(
-            "pump_speed: not measured, the command stands in for it: "
-            "what the drive does not follow looks like a leak"
-        )
-    if "pump_angle" not in columns:
-        stands_for = made["pump_angle"].period if "pump_angle" in made else None
-        columns["pump_angle"] = accumulate_speed(time, columns["pump_speed"], stands_for or quality.period)
-    if "pressure_difference" not in columns:
-        columns["pressure_difference"] = columns["pressure_1"] - columns["pressure_2"]
-
-
-def _of_axis(metadata: dict[str, dict[str, str]], axis: str | None) -> dict[str, dict[str, str]]:
-    """The metadata with this axis's unit as the key yaml, where a run of several axes has one for each."""
-    units = metadata.get("unit", {})
-    if axis is None or "yaml" in units or axis not in units:
-        return metadata
-    return {**metadata, "unit": {**units, "yaml": units[axis]}}

@@ -1,9 +1,8 @@
 """Live diagnosis of one axis: sources of samples, and the loop that turns them into events."""
 
 from fdd.monitor.lines import LineParser
-from fdd.monitor.monitor import Event, Found, Noted, Status, watch
-from fdd.monitor.sources import JsonLines, Replay, WallClock
+from fdd.monitor.monitor import Event, Found, JsonLines, Noted, Replay, Status, WallClock, pieces, watch
 
 __all__ = [
-    "Event", "Found", "JsonLines", "LineParser", "Noted", "Replay", "Status", "WallClock", "watch",
+    "Event", "Found", "JsonLines", "LineParser", "Noted", "Replay", "Status", "WallClock", "pieces", "watch",
 ]  # fmt: skip

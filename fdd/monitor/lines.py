@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -14,8 +13,8 @@ from fdd.diagnosis.findings import Quality
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import to_si
+from fdd.logs.formats.messages import objects_at_once
 from fdd.logs.quality import check_magnitudes
-from fdd.logs.wire.messages import objects_at_once
 from fdd.monitor.stream_clock import Gaps, StreamClock
 from fdd.samples import CHANNELS, Samples
 
@@ -107,9 +106,7 @@ def _number(value: Any) -> float:
 def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], bytes, int]:
     """Whole lines of what came, the rest, and how many lines were dropped for their length.
 
-    Parameters
-    ----------
-    tail : rest of the last call. chunk : what came. ended : whether it was the last.
+    `tail`: rest of the last call. `chunk`: what came. `ended`: whether it was the last.
 
     Examples
     --------
@@ -188,16 +185,8 @@ class LineParser:
     def _objects(self, lines: list[bytes]) -> list[dict[str, Any]]:
         found = objects_at_once(lines)
         if found is None:
-            found = []
-            for line in lines:
-                try:
-                    one = json.loads(line)
-                except (ValueError, RecursionError):
-                    one = None
-                if isinstance(one, dict):
-                    found.append(one)
-                else:
-                    self._count_malformed(1)
+            found = [one for line in lines for one in objects_at_once([line]) or ()]
+            self._count_malformed(len(lines) - len(found))
         return [row for one in found for row in (self._rows_of(one) if "schema" in one else (one,))]
 
     def _rows_of(self, block: dict[str, Any]) -> list[dict[str, Any]]:

@@ -1,26 +1,153 @@
-"""The monitor's loop, from a source through the pipeline to events, and its state on disk."""
+"""Where live samples come from, a log replayed or JSON lines on a stream, and the loop that diagnoses them.
+
+A source is an iterator of blocks of `Samples`; an empty block means that nothing came for a while, so that
+the monitor can look after its display and its stop signal. Findings do not depend on how blocks are cut.
+"""
 
 from __future__ import annotations
 
 import math
-import zipfile
-from collections.abc import Callable
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
-from fdd.bounds import MAX_STATE_BYTES
-from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding
+from fdd.bounds import MOST_PENDING
+from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.files import whole_file
 from fdd.identification.log_scales import StreamScales
-from fdd.monitor.sources import JsonLines, Replay, WallClock
+from fdd.monitor.lines import LineParser, split_lines
+from fdd.samples import Samples
 
-SAVE_EVERY_S = 60.0
-CLOCK = "monitor/clock"
-"""Of a state: last time given and the stream's clock offset, (2,) s."""
+BLOCK_S = 0.1
+REPLAY_ROWS = 50_000
+READ_BYTES = 1 << 16
+
+
+class WallClock:
+    """The machine's monotonic clock; waiting ends at once when `stop` is set."""
+
+    def __init__(self, stop: threading.Event) -> None:
+        self._stop = stop
+
+    def now(self) -> float:
+        """Seconds since some instant."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait for `seconds`, or until the monitor is told to stop."""
+        if seconds > 0.0:
+            self._stop.wait(seconds)
+
+
+def pieces(samples: Samples) -> Iterator[Samples]:
+    """Blocks of `BLOCK_S`, as a rig sends them.
+
+    Examples
+    --------
+    >>> [len(part) for part in pieces(Samples(np.arange(25) * 0.01, {}))]
+    [10, 10, 5]
+    """
+    stamps, row = samples.time, 0
+    while row < stamps.size:
+        stop = max(int(np.searchsorted(stamps, stamps[row] + BLOCK_S)), row + 1)
+        yield samples.rows(row, stop)
+        row = stop
+
+
+class Replay:
+    """A whole log, block by block, at the speed it was recorded or another.
+
+    Parameters
+    ----------
+    samples, quality : of the log.
+    speed : times real time; None is as fast as the machine can.
+    clock : what it waits with.
+    """
+
+    def __init__(self, samples: Samples, quality: Quality, *, speed: float | None, clock: WallClock) -> None:
+        self.samples = samples
+        self._quality, self._speed, self._clock = quality, speed, clock
+
+    def __iter__(self) -> Iterator[Samples]:
+        if self._speed is None:
+            yield from self.samples.blocks(REPLAY_ROWS)
+            return
+        started = self._clock.now()
+        for part in pieces(self.samples):
+            due = started + float(part.time[-1] - self.samples.time[0]) / self._speed
+            # A long hole in the log is waited through in steps, so that the display stays alive.
+            while (wait := due - self._clock.now()) > 2.0 * BLOCK_S:
+                self._clock.sleep(BLOCK_S)
+                yield self.samples.rows(0, 0)
+            self._clock.sleep(wait)
+            yield part
+
+    def quality(self) -> Quality:
+        """What the reader noted about the log."""
+        return self._quality
+
+    def remarks(self) -> list[str]:
+        """None: the reader has told all."""
+        return []
+
+
+class JsonLines:
+    """JSON lines from a stream, one object a sample: ``{"time": 0.001, "position": 0.01, …}``, or a block.
+
+    The stream is read in a thread of its own, so that a silent machine does not hold the
+    monitor up; a monitor that cannot keep up makes the writer wait.
+
+    Parameters
+    ----------
+    read : gives at most that many bytes as soon as there are any; empty at the end.
+    parser : turns lines into samples.
+    clock : tells when a block is due.
+    """
+
+    def __init__(self, read: Callable[[int], bytes], parser: LineParser, *, clock: WallClock) -> None:
+        self._read, self._parser, self._clock = read, parser, clock
+        self.quality, self.remarks = parser.quality, parser.remarks
+        self._chunks: queue.Queue[bytes | BaseException] = queue.Queue(maxsize=64)
+
+    def __iter__(self) -> Iterator[Samples]:
+        threading.Thread(target=self._pump, daemon=True, name="fdd-stream").start()
+        pending: list[bytes] = []
+        tail, since, ended = b"", self._clock.now(), False
+        while not ended:
+            try:
+                chunk = self._chunks.get(timeout=BLOCK_S)
+            except queue.Empty:
+                chunk = None
+            if isinstance(chunk, BaseException):
+                raise chunk
+            if chunk is not None:
+                ended = not chunk
+                if not pending:
+                    since = self._clock.now()
+                lines, tail, overlong = split_lines(tail, chunk, ended)
+                self._parser.malformed += overlong
+                pending += lines
+            due = self._clock.now() - since >= BLOCK_S or len(pending) >= MOST_PENDING
+            if chunk is None or ended or (pending and due):
+                yield self._parser.samples(pending)
+                pending = []
+        if np.isnan(self._parser.clock.last_time):
+            raise InputError("no samples came", mend='send lines such as {"time": 0.001, "position": 0.01}')
+
+    def _pump(self) -> None:
+        try:
+            while True:
+                chunk = self._read(READ_BYTES)
+                self._chunks.put(chunk)
+                if not chunk:
+                    return
+        except BaseException as error:  # handed over to the thread that iterates
+            self._chunks.put(error)
 
 
 @dataclass(frozen=True)
@@ -62,7 +189,6 @@ def watch(
     stopped: Callable[[], bool] = lambda: False,
     duration: float | None = None,
     status_every: float | None = None,
-    save: Callable[[float], None] | None = None,
     scales: StreamScales | None = None,
 ) -> Diagnosis:
     """Diagnose what a source gives until it ends, or until told to stop; the answer on everything seen.
@@ -72,17 +198,16 @@ def watch(
     source : blocks of samples.
     pipeline : made with ``keep_trajectories=False``, else its memory grows for ever.
     emit : takes each event as it happens.
-    clock : tells when status and state are due.
+    clock : tells when a status is due.
     stopped : asked after each block.
     duration : s of the stream after which to end; None goes on.
     status_every : s between `Status` events; None gives none.
-    save : called with the last sample's time (s) every minute, and at the end.
     scales : holds the stream against its profile.
 
     Raises InputError: channels that do not suffice, or are in another unit of measure.
     """
     first = last = math.nan
-    status_due = saved_at = clock.now()
+    status_due = clock.now()
     for block in source:
         for text in source.remarks():
             emit(Noted(last, text))
@@ -97,55 +222,12 @@ def watch(
                 emit(Noted(last, text))
             for finding in pipeline.push(block):
                 emit(Found(finding.detected_s, finding))
-        now = clock.now()
-        if status_every is not None and now >= status_due and not math.isnan(last):
+        if status_every is not None and (now := clock.now()) >= status_due and not math.isnan(last):
             status_due = now + status_every
             told = pipeline.finish()
             emit(Status(last, told.samples, told.verdict, told.probabilities, told.estimates))
-        if save is not None and now - saved_at >= SAVE_EVERY_S and not math.isnan(last):
-            saved_at = now
-            save(last)
         if stopped() or (duration is not None and last - first >= duration - 1e-9):
             break
     for text in source.remarks():
         emit(Noted(last, text))
-    if save is not None and not math.isnan(last):
-        save(last)
     return pipeline.finish(source.quality())
-
-
-def save_state(path: Path, pipeline: Pipeline, *, last_time: float, offset: float) -> None:
-    """Write the pipeline's state, whole or not at all, from which a monitor goes on after a restart.
-
-    Parameters
-    ----------
-    last_time, offset : s; of the last sample, and what is added to the stream's stamps.
-
-    Raises InputError: it cannot be written.
-    """
-    arrays = {**pipeline.state(), CLOCK: np.array([last_time, offset])}
-    # Into an open file: to a name, savez would add .npz.
-    with whole_file(path) as temporary, temporary.open("wb") as out:
-        np.savez(out, **arrays)  # type: ignore[arg-type]
-
-
-def load_state(path: Path, pipeline: Pipeline) -> tuple[float, float]:
-    """Put a saved state into a new pipeline of the same unit and model; last_time and offset as saved, s.
-
-    Raises InputError: damaged, too large, or of another version, unit or model.
-    """
-    mend = "remove the file to start anew"
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > MAX_STATE_BYTES:
-            raise InputError(f"{size} bytes, at most {MAX_STATE_BYTES} are read", where=path, mend=mend)
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        last_time, offset = (float(v) for v in arrays[CLOCK])
-        pipeline.restore(arrays)
-        return last_time, offset
-    except InputError as error:
-        raise (error if error.where == str(path) else error.at(path)) from None
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-        raise InputError(f"not a monitor's state ({type(error).__name__})", where=path, mend=mend) from None

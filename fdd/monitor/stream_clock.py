@@ -7,8 +7,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.logs.grid import grid_steps
 from fdd.logs.quality import COUNTED_GAP, JUMP_PERIODS, nominal_period
-from fdd.logs.wire.grid import grid_steps
 
 Array = NDArray[np.float64]
 

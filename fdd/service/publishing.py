@@ -14,7 +14,7 @@ import numpy as np
 from paho.mqtt.reasoncodes import ReasonCode
 
 from fdd.errors import InputError
-from fdd.monitor.sources import WallClock, pieces
+from fdd.monitor import WallClock, pieces
 from fdd.samples import Samples
 from fdd.service.blocks import Block, encode_arrow
 from fdd.service.config_sources import Broker

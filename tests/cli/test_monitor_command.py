@@ -64,16 +64,6 @@ def test_people_get_a_line_per_finding_and_a_summary(run, logs, tiny_model_file,
     assert "Leakage coefficient" in result.stdout
 
 
-def test_a_stream_goes_on_with_its_clock(run, logs, tiny_model_file, offline, tmp_path: Path) -> None:
-    lines = stream_of(logs["leaking"]).splitlines(keepends=True)
-    half = len(lines) // 2
-    common = ["-", "--model", tiny_model_file, "--json", "--state", tmp_path / "axis.npz"]
-    run("monitor", *common, input=b"".join(lines[:half]))
-    second = events(run("monitor", *common, input=b"".join(lines[half - 50 :])).stdout)[-1]["diagnosis"]
-    assert second["faults"] == offline["faults"] and second["samples"] == offline["samples"]
-    assert any("late or repeated" in note for note in second["quality"]["notes"])
-
-
 def test_what_cannot_be_monitored_is_refused(run, one_line, logs, tiny_model_file) -> None:
     for speed in ("0", "-1", "fast", "nan", "inf"):
         one_line(run("monitor", logs["leaking"], "--speed", speed), "--speed", "max")
@@ -84,28 +74,6 @@ def test_what_cannot_be_monitored_is_refused(run, one_line, logs, tiny_model_fil
     result, told = run(*common, "--json", input=lines), "standard input: no usable data for pump_angle"
     assert result.exit_code == 2
     assert result.stderr.splitlines()[-1].startswith(f"fdd: error: {told}")
-
-
-@pytest.mark.parametrize("listed", [True, False])
-def test_blocks_on_standard_input_give_the_diagnosis(run, logs, tiny_model_file, offline, listed) -> None:
-    """As docs/serve-blocks.md describes them."""
-    samples = read_log(logs["leaking"]).samples
-    lines = []
-    for number, part in enumerate(samples.blocks(1000)):
-        time = {"start": float(part.time[0]), "period": 0.001, "n": len(part)}
-        block = {
-            "schema": "fdd.block/1", "axis": "A1", "sequence": number,
-            "time": part.time.tolist() if listed else time,
-            "columns": {n: v.tolist() for n, v in part.columns.items()},
-        }  # fmt: skip
-        lines.append(json.dumps(block).encode() + b"\n")
-    given = ["--unit", "axis_a", "--model", tiny_model_file, "--json"]
-    result = run("monitor", "-", *given, input=b"".join(lines))
-    assert result.exit_code == 0, result.stderr
-    answer = events(result.stdout)[-1]["diagnosis"]
-    assert [f["fault"] for f in answer["faults"]] == [f["fault"] for f in offline["faults"]]
-    if listed:
-        assert answer["faults"] == offline["faults"] and answer["samples"] == len(samples)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -122,6 +123,24 @@ def _lines(path: Path) -> None:
     parser.quality()
 
 
+def _model(path: Path) -> None:
+    """A model that is read is fit for use: thresholds are finite, probabilities within 0 and 1."""
+    from fdd.diagnosis.model import Model
+
+    model = Model.load(path)
+    assert all(math.isfinite(model.tail.threshold(rate)) for rate in (1e-9, 1.0, 1e9))
+    assert all(0.0 <= model.calibration.probability(s) <= 1.0 for s in (-1e9, 0.0, 1e9))
+
+
+def _profile(path: Path) -> None:
+    """The effects of faults on a profile that is read can be told apart."""
+    from fdd.diagnosis.baseline import effects_of
+    from fdd.unit import Unit
+
+    for effects in effects_of(Unit.load(path)).values():
+        assert np.isfinite(np.linalg.inv(effects.covariance)).all()
+
+
 def _plain(change: Callable[[bytes, random.Random], bytes]) -> Callable[[bytes, random.Random, str], bytes]:
     return lambda raw, rng, suffix: change(raw, rng)
 
@@ -140,8 +159,8 @@ KINDS: dict[str, Kind] = {
     "mcap": Kind(_messages, _plain(mcap_changed)),
     "map": Kind(ChannelMap.load, data_changed, ("examples/*.map.yaml",)),
     "words": Kind(lambda p: Words(p).concepts("Speicherdruck"), data_changed),
-    "unit": Kind(_calls("fdd.unit", "Unit.load"), data_changed, ("fdd/units/*.yaml", "fdd/demo/unit.yaml")),
-    "model": Kind(_calls("fdd.diagnosis.model", "Model.load"), data_changed, ("fdd/diagnosis/model.json",)),
+    "unit": Kind(_profile, data_changed, ("fdd/units/*.yaml", "fdd/demo/unit.yaml")),
+    "model": Kind(_model, data_changed, ("fdd/diagnosis/model.json",)),
     "recipe": Kind(_calls("fdd.campaign.recipe", "Recipe.load"), data_changed, ("datasets/*.yaml",)),
     "sheet": Kind(
         _calls("fdd.data_sheet.answers", "read_answers"), data_changed, ("examples/*.datasheet.yaml",)

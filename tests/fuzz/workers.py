@@ -126,10 +126,12 @@ def _serve(connection: Connection[Any, Any]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         # Libraries and compiled code are loaded before the memory is measured.
         for name, kind in KINDS.items():
-            for path in kind.seeds(name):
+            seeds = kind.seeds(name)
+            assert seeds, f"no seeds of {name}"
+            for path in seeds:
                 copy = Path(folder) / path.name
                 copy.write_bytes(path.read_bytes())
-                run(name, copy)
+                assert run(name, copy) == "read", f"{path} is refused"
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         limit = pages * resource.getpagesize() + MOST_BYTES
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

@@ -43,9 +43,8 @@ def compared(a: Side, b: Side) -> Comparison:
     return compare(a, b, UNIT)[0]
 
 
-@pytest.mark.parametrize("seed", [2, 3])
-def test_nothing_is_told_of_two_healthy_logs_of_other_duty_and_temperature(before: Side, seed: int) -> None:
-    found = compared(before, side(duty=SHORT, load=PUSH, oil_temperature=48.0, seed=seed))
+def test_nothing_is_told_of_two_healthy_logs_of_other_duty_and_temperature(before: Side) -> None:
+    found = compared(before, side(duty=SHORT, load=PUSH, oil_temperature=48.0, seed=2))
     assert found.headline == NO_CHANGE
     assert not any(c.changed for c in found.estimates)
     row = found.estimates[0]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -41,6 +42,12 @@ def strokes(n: int = 6000, seed: int = 5) -> Samples:
             "oil_temperature": np.full(n, 40.0),
         },
     )
+
+
+def frame(n: int = 6000) -> pd.DataFrame:
+    """The same as a table with the contract's names."""
+    samples = strokes(n)
+    return pd.DataFrame({"time": samples.time, **samples.columns})
 
 
 ROWS = 1200

@@ -142,12 +142,6 @@ def test_the_bounds_hold(add: Add, path: Path, monkeypatch: pytest.MonkeyPatch) 
         open_log(path)
 
 
-def test_times_are_checked_like_all_others(add: Add, path: Path) -> None:
-    add(lambda path: Own(path, stamps=np.where(TIME > 2.0, TIME - 1.5, TIME)))
-    with pytest.raises(InputError, match="backwards"):
-        read_log(path)
-
-
 @pytest.mark.parametrize(
     ("opener", "sniff", "problem"),
     [("no format", None, "is no Format"), (Own, fails, "cannot tell its files (IndexError")],

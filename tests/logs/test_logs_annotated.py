@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_logs import messages, strokes
+from made_up_logs import messages, refused, strokes
 from mcap.reader import make_reader
 
 from fdd.logs.mcap_writing import write_annotated
@@ -91,3 +91,4 @@ def test_without_trajectories_or_faults_there_is_the_measurement(tmp_path: Path)
         summary = make_reader(stream).get_summary()
     assert summary is not None
     assert {c.topic for c in summary.channels.values()} == {"/eha/a/measurement"}
+    assert "topic" in refused(lambda: write_annotated(tmp_path / "a", strokes(9), {}, "{}", axis="a/b"))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from made_up_logs import refused, strokes
 
 from fdd.logs import ChannelMap, read_log
-from fdd.logs.formats.dates import stamps_to_seconds
+from fdd.logs.formats.text_layout import stamps_to_seconds
 
 SAMPLES = strokes(2500)
 CHANNELS = ("time", "position", "pump_angle", "pressure_difference")

@@ -183,7 +183,7 @@ def test_a_slow_signal_has_its_own_stamps(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-@pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
+@pytest.mark.parametrize("share", [0.3, 0.9])
 def test_a_cut_file_is_read_as_far_as_it_goes_or_refused_in_one_line(
     kind: str, share: float, tmp_path: Path
 ) -> None:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-from mcap.reader import make_reader
 
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats import open_log
@@ -57,35 +55,6 @@ def test_pump_and_cylinder_agree_where_the_load_is_light(shared: Path, rig: str)
         assert np.median(moved[fast] / turned[fast]) == pytest.approx(3.66e-4, rel=0.2)
 
 
-def test_parquet_rig_against_pandas(shared: Path) -> None:
-    path = shared / "rig_logs" / "rig1" / "run02.parquet"
-    frame, samples = pd.read_parquet(path), read_log(path, EXAMPLES / "rig1.map.yaml").samples
-    np.testing.assert_allclose(samples.time, frame["t"])
-    np.testing.assert_allclose(samples["position"], frame["cyl_mm"] / 1000)
-    np.testing.assert_allclose(samples["pressure_2"], frame["pB_bar"] * 1e5, rtol=1e-6)
-    np.testing.assert_allclose(samples["command"], frame["drive_V"] * 10 * np.pi, rtol=1e-6)
-    assert int(frame.isna().any(axis=1).sum()) == 79
-
-
-def test_mcap_rig_against_the_mcap_library(shared: Path) -> None:
-    import json
-
-    path = shared / "rig_logs" / "rig4" / "run07.mcap"
-    samples = read_log(path, EXAMPLES / "rig4.map.yaml").samples
-    with path.open("rb") as stream:
-        messages = [
-            (m.log_time, json.loads(m.data))
-            for _, _, m in make_reader(stream).iter_messages(topics=["/rig4/daq"])
-        ]
-    assert len(messages) == len(samples)
-    for row in range(0, len(messages), 997):
-        stamp, message = messages[row]
-        assert samples.time[row] == pytest.approx((stamp - messages[0][0]) * 1e-9, abs=1e-9)
-        assert samples["position"][row] == pytest.approx(message["enc_um"] * 1e-6)
-        assert samples["pressure_1"][row] == pytest.approx(message["p"]["a"] * 1e3)
-    assert np.isfinite(samples["oil_temperature"]).sum() == pytest.approx(samples.duration, abs=1.5)
-
-
 @pytest.fixture
 def bench(shared: Path) -> Path:
     folder = shared / "real" / "eha_bench"
@@ -102,14 +71,15 @@ SCALES = [
 
 
 @pytest.mark.slow
-def test_the_map_of_every_healthy_bench_run_has_the_same_channels_and_signs(bench: Path) -> None:
+def test_the_map_of_every_third_healthy_bench_run_has_the_same_channels_and_signs(bench: Path) -> None:
     """Test: columns without names or units, position and pressures given. Expected: the firmware's meaning.
 
     The angle counts down, and the loop's rpm are 1.136 times those that the encoder's counts make.
     """
     columns = {"pump_angle": 6, "pump_speed": 10, "position": 14, "pressure_1": 2, "pressure_2": 3}
     paths = sorted(p for s in ("session_17oct", "session_18oct") for p in (bench / s).glob("*.csv"))
-    for path in paths:
+    assert len(paths) == 26
+    for path in paths[::3]:
         found = propose(open_log(path), given=given_of(SCALES))
         assert not found.questions, path.name
         sources = {c: found.rows[c].source for c in columns}
@@ -123,7 +93,6 @@ def test_the_map_of_every_healthy_bench_run_has_the_same_channels_and_signs(benc
         assert set(signs.values()) == {1} and not any(s.delay for s in sources.values()), path.name
         if "command" in found.rows:
             assert found.rows["command"].source.column == "ADC1_Channel_9", path.name
-    assert len(paths) == 26
 
 
 def test_bench_signs_and_gains(bench: Path, bench_map: ChannelMap) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_logs import strokes
+from made_up_logs import frame, strokes
 from mcap.writer import Writer
 
 from fdd.logs import ChannelMap, DataQuality, Log, read_log
@@ -20,17 +20,12 @@ def read_frame(folder: Path, frame: pd.DataFrame) -> Log:
     return read_log(folder / "a.parquet")
 
 
-def frame(n: int = 8000) -> pd.DataFrame:
-    samples = strokes(n)
-    return pd.DataFrame({"time": samples.time, **samples.columns})
-
-
 def noted(quality: DataQuality, *parts: str) -> None:
     assert any(all(p in note for p in parts) for note in quality.notes), quality.notes
 
 
 def test_a_clean_log_has_nothing_to_note(tmp_path: Path) -> None:
-    quality = read_frame(tmp_path, frame()).quality
+    quality = read_frame(tmp_path, frame(8000)).quality
     assert quality == DataQuality(period=0.001)
 
 
@@ -86,7 +81,7 @@ ODD: dict[str, tuple[Change, tuple[int, int, int, int], list[list[str]]]] = {
 @pytest.mark.parametrize("what", ODD)
 def test_what_is_odd_is_counted_and_told(what: str, tmp_path: Path) -> None:
     change, counted, notes = ODD[what]
-    log = read_frame(tmp_path, change(frame()))
+    log = read_frame(tmp_path, change(frame(8000)))
     q = log.quality
     assert (len(log.samples), q.dropped_samples, q.nan_samples, q.time_jumps) == counted
     for parts in notes:
@@ -96,7 +91,7 @@ def test_what_is_odd_is_counted_and_told(what: str, tmp_path: Path) -> None:
 
 
 def test_what_is_absent_is_derived_from_what_is_there(tmp_path: Path) -> None:
-    bare = frame()[["time", "position", "pump_speed", "pressure_1", "pressure_2"]]
+    bare = frame(8000)[["time", "position", "pump_speed", "pressure_1", "pressure_2"]]
     samples = read_frame(tmp_path, bare).samples
     truth = strokes(8000)
     np.testing.assert_allclose(samples["pressure_difference"], truth["pressure_difference"], atol=1e-9)
@@ -104,7 +99,7 @@ def test_what_is_absent_is_derived_from_what_is_there(tmp_path: Path) -> None:
 
 
 def test_a_drained_accumulator_is_a_fault_and_no_wrong_unit(tmp_path: Path) -> None:
-    drained = frame().assign(pressure_accumulator=50.0 + np.arange(8000) % 3)
+    drained = frame(8000).assign(pressure_accumulator=50.0 + np.arange(8000) % 3)
     assert "pressure_accumulator" in read_frame(tmp_path, drained).samples
 
 
@@ -141,11 +136,6 @@ def test_a_slower_topic_has_values_when_they_come(tmp_path: Path) -> None:
     assert log.start_ns == start
 
 
-def through(tmp_path: Path, columns: dict[str, np.ndarray], time: np.ndarray) -> Log:
-    pd.DataFrame({"time": time, **columns}).to_parquet(tmp_path / "a.parquet", index=False)
-    return read_log(tmp_path / "a.parquet")
-
-
 def test_channels_that_take_turns_meet(tmp_path: Path) -> None:
     """Test: pressures every fifth row, the position every fifth row too, never in the same.
 
@@ -157,7 +147,7 @@ def test_channels_that_take_turns_meet(tmp_path: Path) -> None:
     for name in ("pressure_1", "pressure_2"):
         columns[name][row % 5 != 0] = np.nan
     columns["position"][row % 5 != 2] = np.nan
-    log = through(tmp_path, columns, samples.time)
+    log = read_frame(tmp_path, pd.DataFrame({"time": samples.time, **columns}))
     at = np.flatnonzero(np.isin(np.round(samples.time, 6), np.round(log.samples.time, 6)))
     np.testing.assert_array_equal(at, row[row % 5 == at[0] % 5])
     inner = slice(10, -10)
@@ -177,7 +167,7 @@ def test_rows_that_were_made_up_are_taken_out(how: str, tmp_path: Path) -> None:
     for name, values in samples.columns.items():
         held = values[(np.arange(8000) // 2) * 2]
         columns[name] = held if how == "held" else np.interp(time, fresh, values[::2])
-    log = through(tmp_path, columns, time)
+    log = read_frame(tmp_path, pd.DataFrame({"time": time, **columns}))
     assert log.quality.period == pytest.approx(0.002) and len(log.samples) == pytest.approx(4000, abs=2)
     shared = np.isin(np.round(fresh, 6), np.round(log.samples.time, 6))
     assert shared.sum() > 3990
@@ -191,7 +181,7 @@ def test_rows_that_hold_a_speed_alone_are_left_out(tmp_path: Path) -> None:
     samples, rng = strokes(8000), np.random.default_rng(3)
     columns = {n: np.interp(samples.time, samples.time[::2], v[::2]) for n, v in samples.columns.items()}
     columns["pump_speed"] = samples["pump_speed"] * (1.0 + 1e-14 * rng.normal(size=8000))
-    log = through(tmp_path, columns, samples.time)
+    log = read_frame(tmp_path, pd.DataFrame({"time": samples.time, **columns}))
     assert log.quality.period == pytest.approx(0.002)
     assert np.isfinite(log.samples["position"]).mean() > 0.99
     np.testing.assert_allclose(np.interp(log.samples.time, samples.time, columns["pump_speed"]),

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fdd import Scenario, simulate
@@ -149,10 +149,12 @@ def test_own_words(tmp_path: Path) -> None:
     assert max(scores, key=lambda c: scores[c]) == "position" and scores["position"] >= 2.0
 
 
+WORDS = Words()
+
+
 @given(st.text(max_size=40), st.text(max_size=8))
-@settings(max_examples=300)
 def test_any_name_and_unit_have_scores(name: str, unit: str) -> None:
-    scores = name_scores(Signal(name, unit=unit), Words())
+    scores = name_scores(Signal(name, unit=unit), WORDS)
     assert all(np.isfinite(s) for s in scores.values())
 
 

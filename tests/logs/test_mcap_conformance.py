@@ -64,16 +64,15 @@ def case(path: Path, content: str, how: dict[str, Any]) -> None:
         writer.finish()
 
 
-@pytest.mark.parametrize("padded", [False, True], ids=["plain", "padded"])
 @pytest.mark.parametrize("content", CONTENTS)
-def test_all_options_are_read(content: str, padded: bool, tmp_path: Path) -> None:
-    """Test: each combination. Expected: signals, stamps and metadata as they were written."""
+def test_all_options_are_read(content: str, tmp_path: Path) -> None:
+    """Test: each combination, half of them padded. Expected: signals, stamps and metadata as written."""
     path = tmp_path / "case.mcap"
     compressions = itertools.cycle(CompressionType)
-    with pytest.MonkeyPatch.context() as patch:
-        if padded:
-            Padded(patch)
-        for k, flags in enumerate(itertools.product((False, True), repeat=len(OPTIONS) + 1)):
+    for k, flags in enumerate(itertools.product((False, True), repeat=len(OPTIONS) + 1)):
+        with pytest.MonkeyPatch.context() as patch:
+            if k.bit_count() % 2:
+                Padded(patch)
             how = dict(zip(OPTIONS, flags, strict=False))
             index = IndexType.ALL if flags[-1] else IndexType.NONE
             crcs = {"enable_crcs": k % 2 == 0, "enable_data_crcs": k % 5 == 0}

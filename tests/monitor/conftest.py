@@ -51,21 +51,17 @@ def leaking(unit: Unit) -> Samples:
     return simulate(unit, scenario).samples
 
 
-def as_lines(samples: Samples) -> bytes:
+@pytest.fixture(scope="session")
+def leaking_lines(leaking: Samples) -> bytes:
     """Samples as a machine would stream them: missing values are null or left out by turns."""
     rows = []
-    for k in range(len(samples)):
-        row: dict[str, float | None] = {"time": float(samples.time[k])}
-        for name in samples.channels:
-            value = float(samples[name][k])
+    for k in range(len(leaking)):
+        row: dict[str, float | None] = {"time": float(leaking.time[k])}
+        for name in leaking.channels:
+            value = float(leaking[name][k])
             if np.isfinite(value):
                 row[name] = value
             elif k % 2:
                 row[name] = None
         rows.append(json.dumps(row))
     return ("\n".join(rows) + "\n").encode()
-
-
-@pytest.fixture(scope="session")
-def leaking_lines(leaking: Samples) -> bytes:
-    return as_lines(leaking)

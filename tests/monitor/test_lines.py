@@ -15,7 +15,6 @@ from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.monitor.lines import LineParser, split_lines
 from fdd.monitor.stream_clock import CLOCK_GAP_S
-from fdd.samples import Samples
 
 
 def line(**row: object) -> bytes:
@@ -52,11 +51,21 @@ def test_a_line_without_end_stays_small_and_is_counted_once() -> None:
     assert lines == [b'{"time": 1}'] and overlong + more == 1
 
 
-def test_lines_give_back_the_samples(leaking: Samples, leaking_lines: bytes) -> None:
-    found = LineParser().samples(leaking_lines.splitlines())
-    assert np.array_equal(found.time, leaking.time)
-    for name in leaking.channels:
-        assert np.array_equal(found[name], leaking[name], equal_nan=True)
+@pytest.mark.parametrize("listed", [True, False])
+def test_blocks_give_back_the_samples(listed: bool) -> None:
+    """As docs/serve-blocks.md describes them."""
+    lines, position = [], np.sin(np.arange(2000.0))
+    for number, start in enumerate(range(0, 2000, 500)):
+        stamps = (1e-3 * np.arange(start, start + 500)).tolist()
+        block = {
+            "schema": "fdd.block/1", "axis": "A1", "sequence": number,
+            "time": stamps if listed else {"start": stamps[0], "period": 0.001, "n": 500},
+            "columns": {"position": position[start : start + 500].tolist()},
+        }  # fmt: skip
+        lines.append(json.dumps(block).encode())
+    found = LineParser().samples(lines)
+    np.testing.assert_allclose(found.time, 1e-3 * np.arange(2000), atol=1e-12)
+    assert np.array_equal(found["position"], position)
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +12,7 @@ import pytest
 from fdd.diagnosis.findings import Diagnosis, Quality
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
-from fdd.errors import InputError
 from fdd.monitor import Event, Found, JsonLines, LineParser, Noted, Replay, Status, WallClock, watch
-from fdd.monitor.monitor import CLOCK, load_state, save_state
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -42,15 +38,13 @@ def same(found: Diagnosis, offline: Diagnosis) -> bool:
     return found.model_dump(exclude=ignored) == offline.model_dump(exclude=ignored)
 
 
-@pytest.mark.parametrize("speed", [None, 40.0])
-def test_a_replay_gives_the_offline_findings(pipeline, leaking, offline, clock, speed) -> None:
+def test_a_replay_gives_the_offline_findings(pipeline, leaking, offline, clock) -> None:
     events: list[Event] = []
-    answer = watch(Replay(leaking, Quality(), speed=speed, clock=clock), pipeline, events.append, clock=clock)
+    answer = watch(Replay(leaking, Quality(), speed=40.0, clock=clock), pipeline, events.append, clock=clock)
     assert same(answer, offline)
     found = [e for e in events if isinstance(e, Found)]
     assert [e.time for e in found] == [offline.faults[0].detected_s]
-    expected = 0.0 if speed is None else leaking.duration / speed
-    assert clock.now() - 100.0 == pytest.approx(expected, abs=1e-6)
+    assert clock.now() - 100.0 == pytest.approx(leaking.duration / 40.0, abs=1e-6)
 
 
 def test_json_lines_give_the_offline_findings(pipeline, leaking_lines, offline) -> None:
@@ -126,69 +120,6 @@ def test_remarks_become_events_and_an_error_of_the_stream_is_told(pipeline, cloc
         watch(JsonLines(broken, LineParser(), clock=clock), pipeline, events.append, clock=clock)
 
 
-@pytest.mark.parametrize("stop_at", [0.2, 3.0, 8.0])
-def test_a_saved_state_goes_on(
-    unit, tiny_model, leaking, offline, clock, tmp_path: Path, stop_at: float
-) -> None:
-    path = tmp_path / "axis.npz"
-
-    def session(**options) -> Diagnosis:
-        pipeline = Pipeline(unit, tiny_model, keep_trajectories=False)
-        after = load_state(path, pipeline)[0] if path.exists() else float("nan")
-        rest = leaking.rows(int((leaking.time <= after).sum()), len(leaking))
-        source = Replay(rest, Quality(), speed=1.0, clock=clock)
-        return watch(
-            source, pipeline, lambda e: None, clock=clock,
-            save=lambda last: save_state(path, pipeline, last_time=last, offset=0.0), **options,
-        )  # fmt: skip
-
-    first = session(duration=stop_at)
-    assert first.samples < len(leaking)
-    assert same(session(), offline)
-    assert [p.name for p in tmp_path.iterdir()] == ["axis.npz"]
-
-
-@pytest.fixture
-def kept(pipeline: Pipeline, leaking: Samples, tmp_path: Path) -> Path:
-    """The state of a pipeline that has had two seconds."""
-    pipeline.push(leaking.rows(0, 2000))
-    save_state(tmp_path / "axis.npz", pipeline, last_time=2.0, offset=7.0)
-    return tmp_path / "axis.npz"
-
-
-class Runs:
-    """What a pickle may do where it is read."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> Any:
-        return os.mkdir, (str(self.path),)
-
-
-@pytest.mark.parametrize("damage", ["text", "empty", "cut", "pickle", "strange", "another unit", "large"])
-def test_a_state_that_cannot_be_used_is_refused_and_runs_nothing(
-    pipeline: Pipeline, kept: Path, tiny_model: Model, damage: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert load_state(kept, pipeline) == (2.0, 7.0)
-    content, made, words = kept.read_bytes(), kept.with_name("made"), "not a monitor's state"
-    if damage in ("text", "empty", "cut"):
-        kept.write_bytes({"text": b"hello", "empty": b"", "cut": content[: len(content) // 2]}[damage])
-    elif damage == "pickle":
-        arrays: dict[str, Any] = {**pipeline.state(), CLOCK: np.array([2.0, 0.0])}
-        np.savez(kept, allow_pickle=True, **arrays, more=np.array([Runs(made)], dtype=object))
-    elif damage == "strange":
-        np.savez(kept, pipeline=np.zeros(3))
-    elif damage == "another unit":
-        pipeline, words = Pipeline(Unit.load("axis_b"), tiny_model), "unit 'axis_a'"
-    else:  # all that is in it together, though each part is small
-        monkeypatch.setattr("fdd.monitor.monitor.MAX_STATE_BYTES", len(content) // 2)
-        words = "bytes, at most"
-    with pytest.raises(InputError, match=words) as refused:
-        load_state(kept, pipeline)
-    assert str(kept) in str(refused.value) and "\n" not in str(refused.value) and not made.exists()
-
-
 def test_a_long_hole_is_waited_through_in_steps(clock: Any) -> None:
     """So that a display stays alive; the log still takes as long as it took."""
     stamps = np.concatenate([np.arange(100) * 0.01, 6.0 + np.arange(100) * 0.01])
@@ -199,15 +130,3 @@ def test_a_long_hole_is_waited_through_in_steps(clock: Any) -> None:
     assert 20 <= empty <= 26, "half of five seconds, each tenth of a second"
     assert max(clock.slept) <= 0.2 + 1e-9
     assert clock.now() - 100.0 == pytest.approx(stamps[-1] / 2.0)
-
-
-def test_the_state_is_saved_each_minute_where_nothing_else_is_asked(
-    unit: Unit, tiny_model: Model, leaking: Samples, clock: Any
-) -> None:
-    saved: list[float] = []
-    watch(
-        Replay(leaking, Quality(), speed=0.1, clock=clock),
-        Pipeline(unit, tiny_model, keep_trajectories=False),
-        lambda e: None, clock=clock, save=saved.append,
-    )  # fmt: skip
-    assert saved == pytest.approx([6.0, 12.0, leaking.time[-1]], abs=0.2)

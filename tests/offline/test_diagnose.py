@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import copy
 import json
+import pickle
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import matplotlib
@@ -36,11 +35,10 @@ def test_a_file_gets_the_answer_of_the_command_line(answer: Diagnosis) -> None:
 
 def test_what_was_read_and_samples_get_the_same_findings(answer: Diagnosis) -> None:
     log, unit = read_log(LOG), fdd.Unit.load(UNIT)
-    for given in (log, log.samples):
+    for given, started in ((log, answer.started_at), (log.samples, None)):
         found = diagnose(given, unit, axis="left", keep_signals=False)
         assert found.faults == answer.faults and found.estimates == answer.estimates
-        assert found.axis == "left" and set(found.sha256) == {"model"}
-    assert diagnose(log, unit).started_at == answer.started_at
+        assert found.axis == "left" and set(found.sha256) == {"model"} and found.started_at == started
 
 
 def refused(*arguments: object, **more: object) -> str:
@@ -112,8 +110,5 @@ def test_without_matplotlib_it_says_what_to_install(answer: Diagnosis, monkeypat
         answer.plot()
 
 
-@pytest.mark.slow
 def test_an_answer_comes_back_from_another_process(answer: Diagnosis) -> None:
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        assert pool.submit(diagnose, LOG, UNIT).result() == answer
-    assert copy.deepcopy(answer) == answer
+    assert pickle.loads(pickle.dumps(answer)) == answer == copy.deepcopy(answer)

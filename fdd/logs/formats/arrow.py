@@ -104,12 +104,7 @@ def doubles(column: Any) -> Column:
 
 
 def open_parquet(path: Path) -> ArrowFile:
-    """Read the schema of a Parquet file.
-
-    Raises
-    ------
-    InputError : damaged, no rows, or far too many.
-    """
+    """Read the schema of a Parquet file. Raises InputError: damaged, no rows, or far too many."""
     from pyarrow import parquet
 
     with readable("not readable as Parquet", path), parquet.ParquetFile(path) as source:
@@ -119,9 +114,7 @@ def open_parquet(path: Path) -> ArrowFile:
 def open_feather(path: Path) -> ArrowFile:
     """Read the schema of a Feather (version 2, Arrow IPC) file.
 
-    Raises
-    ------
-    InputError : damaged, no rows, or far too many.
+    Raises InputError: damaged, no rows, or far too many.
     """
     import pyarrow as pa
 

@@ -15,9 +15,17 @@ from fdd.bounds import limit, raised
 from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
-from fdd.logs.formats.dates import stamp_kind, stamps_to_seconds
 from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size
-from fdd.logs.formats.text_layout import MISSING, Layout, decoded, find_layout, head_of, is_number
+from fdd.logs.formats.text_layout import (
+    MISSING,
+    Layout,
+    decoded,
+    find_layout,
+    head_of,
+    is_number,
+    stamp_kind,
+    stamps_to_seconds,
+)
 from fdd.samples import Column
 
 _MARKS = ",.' \u00a0\u202f"
@@ -166,9 +174,7 @@ class CsvFile(LogFile):
 def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
     """Detect encoding, separator, decimal mark, title lines, names and units of a CSV file.
 
-    Raises
-    ------
-    InputError : binary content, no header row, or too many columns.
+    Raises InputError: binary content, no header row, or too many columns.
     """
     layout = layout or CsvLayout()
     head, packed, whole = head_of(path)

@@ -25,9 +25,7 @@ _PLACE = re.compile(rb"""\br\s*=\s*["']([A-Za-z]{0,4})(\d{0,9})["']""")
 def open_excel(path: Path) -> TreeFile:
     """Signals of a workbook: the column's name, with the sheet's before it where there are several.
 
-    Raises
-    ------
-    InputError : damaged, too large, or without a table of numbers.
+    Raises InputError: damaged, too large, or without a table of numbers.
     """
     import python_calamine
 

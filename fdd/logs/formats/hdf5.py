@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import mmap
 import struct
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +26,7 @@ def open_hdf5(path: Path) -> TreeFile:
     Vectors, columns of matrices and members of compound types are signals. Links to other files are not
     followed.
 
-    Raises
-    ------
-    InputError : damaged, or without arrays.
+    Raises InputError: damaged, or without arrays.
     """
     import h5py
 
@@ -97,7 +96,6 @@ def _load(path: Path, name: str, part: Any) -> NDArray[np.generic]:
 
 _MARK = b"GCOL\x01\0\0\0"
 """Of a global heap collection (HDF5 file format 3.0, III.E), where texts of variable length stand."""
-_PIECE = 1 << 20
 _LARGEST = 1 << 32
 """Bytes of a heap that are looked at; the library's have 4096."""
 
@@ -105,35 +103,19 @@ _LARGEST = 1 << 32
 def check_hdf5(path: Path) -> None:
     """Refuse a file with a heap whose free space has no size: the library takes it again and again.
 
-    Raises
-    ------
-    InputError : names the byte.
+    Raises InputError: names the byte.
     """
-    with path.open("rb") as file:
-        start, kept, end = 0, b"", 0
-        while piece := file.read(_PIECE):
-            after, text = file.tell(), kept + piece
-            while (at := text.find(_MARK, max(end - start, 0))) >= 0:
-                file.seek(start + at)
-                found = _end_of_heap(file)
-                if found is None:
-                    problem = f"damaged HDF5 file (the heap at byte {start + at} has no end)"
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
+        end = 0
+        while (start := raw.find(_MARK, end)) >= 0:
+            left = min(int.from_bytes(raw[start + 8 : start + 16], "little"), _LARGEST) - 16
+            end = start + 16
+            while left >= 16 and end + 16 <= len(raw):
+                number, size = struct.unpack_from("<H6xQ", raw, end)
+                end += 16
+                if number == 0 and size == 0:
+                    problem = f"damaged HDF5 file (the heap at byte {start} has no end)"
                     raise InputError(problem, where=path, mend="copy it again")
-                end = found
-            file.seek(after)
-            kept = text[1 - len(_MARK) :]
-            start = after - len(kept)
-
-
-def _end_of_heap(file: BinaryIO) -> int | None:
-    """Byte after the objects of the heap at which the file stands; None where free space has no size."""
-    left = min(int.from_bytes(file.read(16)[8:], "little"), _LARGEST) - 16
-    while left >= 16 and len(about := file.read(16)) == 16:
-        number, size = struct.unpack("<H6xQ", about)
-        if number == 0:
-            return None if size == 0 else file.tell()
-        padded = -(-size // 8) * 8
-        left -= 16 + padded
-        if left >= 16:
-            file.seek(padded, 1)
-    return file.tell()
+                padded = -(-size // 8) * 8
+                left = 0 if number == 0 else left - 16 - padded
+                end += padded if left >= 16 else 0

@@ -6,6 +6,7 @@ damaged file can end the process. So its elements are walked first (MathWorks, M
 
 from __future__ import annotations
 
+import math
 import mmap
 import struct
 import zlib
@@ -24,9 +25,7 @@ from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 def open_matlab(path: Path) -> TreeFile:
     """Signals of a MATLAB 5 file: ``rec.pos.value`` is ``rec/pos``.
 
-    Raises
-    ------
-    InputError : damaged, too large, or without arrays.
+    Raises InputError: damaged, too large, or without arrays.
     """
     from scipy.io import loadmat, whosmat
 
@@ -82,9 +81,7 @@ class _Odd(Exception):
 def check_matlab(path: Path) -> None:
     """Walk through all arrays of a file.
 
-    Raises
-    ------
-    InputError : an element is of a wrong type, has wrong dimensions, or does not end within the file.
+    Raises InputError: an element is of a wrong type, has wrong dimensions, or does not end within the file.
     """
     try:
         with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -163,9 +160,7 @@ class _Elements:
         if len(shape) < 2 or min(shape) < 0:
             raise _Odd(f"an array of shape {shape}")
         at = self._element(at, _TEXTS)[2]
-        count = 1
-        for length in shape:
-            count *= length
+        count = math.prod(shape)
         if kind in (_STRUCT, _OBJECT):
             if kind == _OBJECT:
                 at = self._element(at, _TEXTS)[2]

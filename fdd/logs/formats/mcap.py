@@ -1,26 +1,184 @@
-"""MCAP: topics of JSON, Protobuf or ROS messages, each field of a message a signal."""
+"""MCAP: topics of JSON, Protobuf or ROS messages, each field of a message a signal.
+
+The library reads the records of the file, but not the messages in its chunks: it would make an object of
+each, which takes several times as long.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+import zlib
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from struct import Struct
+from struct import error as StructError
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.bounds import MAX_SIGNALS
+from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES, MAX_SIGNALS
 from fdd.errors import InputError
+from fdd.logs.formats.messages import Decoder, FieldPath, decoder_of
 from fdd.logs.formats.signals import LogFile, Signal, require_size
-from fdd.logs.wire.chunks import Batch, ChunkWalk
-from fdd.logs.wire.messages import Decoder, FieldPath, decoder_of
 from fdd.near_misses import did_you_mean, listed
 from fdd.samples import Column
 
+AXIS_TOPIC = re.compile(r"^/eha/(?P<axis>[^/]+)/measurement$")
+"""The contract's topic of measurements."""
 _NANOSECONDS = {"sec": ("nanosec", "nsec"), "seconds": ("nanos", "nanoseconds"), "secs": ("nsecs",)}
+_SCHEMA, _CHANNEL, _MESSAGE = 0x03, 0x04, 0x05
+_FRAME, _HEAD = Struct("<BQ"), Struct("<HIQQ")
+"""Of a record: opcode and length; of a message: channel, sequence, log time and publish time."""
+
+
+class Batch(NamedTuple):
+    """Messages of one channel: (n,) ns, and their bytes."""
+
+    channel: int
+    stamps: NDArray[np.int64]
+    payloads: list[bytes]
+
+
+class _Found(defaultdict[int, tuple[list[int], list[bytes]]]):
+    """Stamps and bytes of messages by channel."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: ([], []))
+
+
+@dataclass
+class ChunkWalk:
+    """Batches of a file in the order in which they were written; schemas and channels fill up on the way.
+
+    Attributes
+    ----------
+    schemas, channels : the library's records, by number.
+    metadata : record name to key-value pairs.
+    truncated : after the walk, whether the file ends before its data does.
+    damaged : chunks whose checksum or compression is wrong; they are left out.
+
+    Raises InputError: no MCAP file, or more than is read.
+    """
+
+    path: Path
+    schemas: dict[int, Any] = field(default_factory=dict)
+    channels: dict[int, Any] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    truncated: bool = False
+    damaged: int = 0
+
+    def __iter__(self) -> Iterator[Batch]:
+        from mcap.exceptions import McapError, RecordLengthLimitExceeded
+        from mcap.opcode import Opcode
+        from mcap.records import Channel, Chunk, Message, Metadata, Schema
+        from mcap.stream_reader import StreamReader
+
+        class Reader(StreamReader):
+            """Passes over message indexes, which the library would unpack number by number."""
+
+            def _read_record(self, opcode: int, length: int) -> Any:
+                return None if opcode == Opcode.MESSAGE_INDEX else super()._read_record(opcode, length)
+
+        # Besides the library's own whatever a damaged record provokes, as text that is none.
+        provoked = (McapError, ValueError, LookupError, ArithmeticError, MemoryError, StructError)
+        loose = _Found()
+        with self.path.open("rb") as stream:
+            records = Reader(stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
+            while True:
+                try:
+                    record = next(records, None)
+                except RecordLengthLimitExceeded as error:
+                    raise InputError(f"a damaged or too large record ({error})", where=self.path) from None
+                except provoked:
+                    self.truncated = True
+                    break
+                if record is None:
+                    break
+                if isinstance(record, Schema):
+                    self.schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    self.channels[record.id] = record
+                elif isinstance(record, Metadata):
+                    self.metadata[record.name] = dict(record.metadata)
+                elif isinstance(record, Message):
+                    stamps, payloads = loose[record.channel_id]
+                    stamps.append(record.log_time)
+                    payloads.append(record.data)
+                elif isinstance(record, Chunk):
+                    yield from self._batches(self._chunk(record))
+        yield from self._batches(loose)
+
+    def _batches(self, found: _Found) -> Iterator[Batch]:
+        for channel, (stamps, payloads) in sorted(found.items()):
+            if channel in self.channels:  # else a damaged number; there may be thousands
+                yield Batch(channel, np.array(stamps, dtype=np.uint64).astype(np.int64), payloads)
+
+    def _chunk(self, chunk: Any) -> _Found:
+        """Messages of a chunk; none where it is damaged."""
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Channel, Schema
+
+        size, crc = int(chunk.uncompressed_size), chunk.uncompressed_crc
+        if size > MAX_CHUNK_BYTES:
+            raise InputError(f"a chunk of {size} bytes, at most {MAX_CHUNK_BYTES} are read", where=self.path)
+        found = _Found()
+        raw = _inflated(chunk, size)
+        if raw is None or len(raw) != size or (crc and zlib.crc32(raw) != crc):
+            self.damaged += 1
+            return found
+        at = 0
+        while at + _FRAME.size <= size:
+            opcode, length = _FRAME.unpack_from(raw, at)
+            begin = at + _FRAME.size
+            at = begin + length
+            if at > size or opcode == 0:  # no record: zeros would go on for long
+                break
+            if opcode == _MESSAGE and length >= _HEAD.size:
+                channel, _, stamp, _ = _HEAD.unpack_from(raw, begin)
+                stamps, payloads = found[channel]
+                stamps.append(stamp)
+                payloads.append(raw[begin + _HEAD.size : at])
+            elif opcode in (_SCHEMA, _CHANNEL):
+                known: dict[int, Any] = self.schemas if opcode == _SCHEMA else self.channels
+                kind: Any = Schema if opcode == _SCHEMA else Channel
+                try:
+                    record = kind.read(ReadDataStream(BytesIO(raw[begin:at])))
+                except Exception:  # the library lets struct's and the codec's errors through
+                    self.damaged += 1
+                    return _Found()
+                known[record.id] = record
+        return found
+
+
+def _inflated(chunk: Any, size: int) -> bytes | None:
+    """The chunk's bytes, never more than `size`; None where they are damaged."""
+    if chunk.compression == "":
+        return bytes(chunk.data)
+    try:
+        if chunk.compression == "zstd":
+            import zstandard
+
+            reader = zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(chunk.data)
+            # In pieces: each call makes room for what it is asked for, however little comes.
+            parts, left = [], size
+            while left > 0 and (part := reader.read(min(left, 16 << 20))):
+                parts.append(part)
+                left -= len(part)
+            return b"".join(parts)
+        if chunk.compression == "lz4":
+            import lz4.frame  # type: ignore[import-untyped]
+
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size))
+    except Exception:  # zstandard.ZstdError, or lz4's RuntimeError and EOFError
+        return None
+    raise InputError(
+        f"chunks compressed with {chunk.compression[:20]!r}", mend="record with zstd, lz4 or none"
+    )
 
 
 @dataclass
@@ -38,8 +196,7 @@ class McapFile(LogFile):
     paths: dict[str, tuple[FieldPath, ...]] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
     damaged: int = 0
-    _stamps: dict[str, NDArray[np.int64]] = field(default_factory=dict)
-    _seconds: dict[str, Column] = field(default_factory=dict)
+    _stamps: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """See `LogFile.read`. The rows are in the order of the log times."""
@@ -50,15 +207,14 @@ class McapFile(LogFile):
 
     def stamps(self, clock: str) -> Column | None:
         """(n,) s since the first message of the file's topics that were read."""
-        if clock not in self._seconds:
-            if clock not in self._stamps:
-                self._columns({clock: []})
-            stamps = self._stamps.pop(clock)
-            if not self.start_ns:
-                self.start_ns = int(stamps[0]) if stamps.size else 0
+        if clock not in self._stamps:
+            self._columns({clock: []})
+        stamps = self._stamps[clock]
+        if stamps.dtype == np.int64:  # ns since 1970: as s where they stand, as a copy would take memory
+            self.start_ns = self.start_ns or int(stamps[:1].sum())
             stamps -= self.start_ns
-            self._seconds[clock] = stamps * np.float64(1e-9)
-        return self._seconds[clock]
+            stamps = self._stamps[clock] = stamps * np.float64(1e-9)
+        return stamps
 
     def place(self, row: int) -> str:
         """The message of row `row`."""
@@ -67,9 +223,7 @@ class McapFile(LogFile):
     def field(self, topic: str, path: str | None) -> Signal:
         """The signal of a topic's field.
 
-        Raises
-        ------
-        InputError : no such topic, no message that can be read on it, or no such field.
+        Raises InputError: no such topic, no message that can be read on it, or no such field.
         """
         there = {str(s.field): s for s in self.signals.values() if s.topic == topic}
         if topic not in self.topics:
@@ -168,19 +322,37 @@ def open_mcap(path: Path) -> McapFile:
 
     The walk ends where all channels of the file's summary have shown a message.
 
-    Raises
-    ------
-    InputError : no MCAP file.
+    Raises InputError: no MCAP file.
     """
-    known, metadata = _summary(path)
-    log = McapFile(path)
-    walk = ChunkWalk(path)
+    from mcap.reader import SeekingReader
+
+    log, walk = McapFile(path), ChunkWalk(path)
+    known: set[int] = set()
+    metadata: dict[str, dict[str, str]] = {}
+    # A damaged or unfinished file, which provokes whatever, is walked to its end.
+    with suppress(Exception), path.open("rb") as stream:
+        reader = SeekingReader(stream)
+        summary = reader.get_summary()
+        if summary is not None and summary.statistics is not None:
+            messages = summary.statistics.channel_message_counts.items()
+            known = {c for c, count in messages if count and c in summary.channels}
+        if known:
+            metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
     seen: set[int] = set()
     for batch in walk:
         if batch.channel in seen:
             continue
         seen.add(batch.channel)
-        _add_fields(log, walk, batch)
+        channel = walk.channels[batch.channel]
+        try:
+            fields = decoder_of(channel, walk.schemas.get(channel.schema_id)).fields(batch.payloads)
+        except ValueError as error:
+            log.reasons.setdefault(channel.topic, str(error))
+            fields = {}
+        for at, paths, unit in _offered(fields):
+            name = f"{channel.topic}.{written(at)}"
+            log.signals.setdefault(name, Signal(name, channel.topic, unit, channel.topic, written(at)))
+            log.paths.setdefault(name, paths)
         if known and known <= seen:
             break
     log.truncated = walk.truncated
@@ -191,25 +363,16 @@ def open_mcap(path: Path) -> McapFile:
     return log
 
 
-def _add_fields(log: McapFile, walk: ChunkWalk, batch: Batch) -> None:
-    channel = walk.channels[batch.channel]
-    topic = channel.topic
-    try:
-        fields = decoder_of(channel, walk.schemas.get(channel.schema_id)).fields(batch.payloads)
-    except ValueError as error:
-        log.reasons.setdefault(topic, str(error))
-        return
-    offered: list[tuple[str, tuple[FieldPath, ...], str | None]] = []
+def _offered(
+    fields: Mapping[FieldPath, str | None],
+) -> Iterator[tuple[FieldPath, tuple[FieldPath, ...], str | None]]:
+    """Where a signal stands, the paths of its numbers, and its unit: fields, and stamps of two of them."""
     for path, unit in fields.items():
+        yield path, (path,), unit
         *above, last = path
-        offered.append((written(path), (path,), unit))
         for name in _NANOSECONDS.get(str(last), ()) if above else ():
             if (*above, name) in fields:
-                offered.append((written(tuple(above)), (path, (*above, name)), "s"))
-    for text, paths, unit in offered:
-        name = f"{topic}.{text}"
-        log.signals.setdefault(name, Signal(name, topic, unit, topic, text))
-        log.paths.setdefault(name, paths)
+                yield tuple(above), (path, (*above, name)), "s"
 
 
 def written(path: FieldPath) -> str:
@@ -224,25 +387,3 @@ def written(path: FieldPath) -> str:
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else part)
     return text
-
-
-def _summary(path: Path) -> tuple[set[int], dict[str, dict[str, str]]]:
-    """Channels that have messages, and metadata, by the summary; none where it is not whole."""
-    from mcap.reader import SeekingReader
-
-    known: set[int] = set()
-    metadata: dict[str, dict[str, str]] = {}
-    # A damaged or unfinished file, which provokes whatever, is walked instead.
-    with suppress(Exception), path.open("rb") as stream:
-        reader = SeekingReader(stream)
-        summary = reader.get_summary()
-        if summary is not None and summary.statistics is not None:
-            messages = summary.statistics.channel_message_counts.items()
-            known = {c for c, count in messages if count and c in summary.channels}
-        if known:
-            metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
-    return known, metadata
-
-
-AXIS_TOPIC = re.compile(r"^/eha/(?P<axis>[^/]+)/measurement$")
-"""The contract's topic of measurements."""

@@ -25,10 +25,8 @@ _IN_RECORD = (0, 1, 2, 4, 5)
 def open_mdf(path: Path) -> TreeFile:
     """Signals of an MDF file; where two channels have one name, the group's number stands before it.
 
-    Raises
-    ------
-    InputError : damaged, or without channels of numbers.
-    ImportError : asammdf, an extra, is not installed.
+    Raises InputError: damaged, or without channels of numbers; ImportError: asammdf, an extra, is not
+    installed.
     """
     from asammdf import MDF
 
@@ -43,18 +41,29 @@ def open_mdf(path: Path) -> TreeFile:
             rates = [int(g.channel_group.cycles_nr) for g in inner]
             several = sum(r > 1 for r in rates) > 1
             for number, (group, rows) in enumerate(zip(inner, rates, strict=True)):
-                require_stored(_declared(group, rows), path.stat().st_size, path)
+                about = group.channel_group
+                one = about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0)
+                # The library makes room for the records or for the blocks, whatever is more.
+                blocks = sum(int(block.original_size or 0) for block in group.get_data_blocks())
+                require_stored(max(rows * int(one), blocks), path.stat().st_size, path)
                 master = file.masters_db.get(number)
                 own = groups.setdefault(str(number) if several else "", Group()).leaves
                 if master is not None:
                     own["time"] = Leaf(rows, partial(_load, path, file, number, None), "s")
                 for index, channel in enumerate(group.channels):
-                    _require_inside(path, group.channel_group, channel)
+                    _require_inside(path, about, channel)
                     if index != master:
                         load = partial(_load, path, file, number, index)
                         own[channel.name] = Leaf(rows, load, channel.unit or None)
         except Exception:
-            _close_quietly()
+            from asammdf.blocks import mdf_v3, mdf_v4
+
+            def close(half_open: Any) -> None:
+                """Let what broke off while it was opened be thrown away without a word."""
+                with suppress(Exception):
+                    half_open.close()
+
+            mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = close
             raise
     found = tree_file(path, groups)
     found.start_ns = int(start.timestamp() * 1e9) if start is not None and start.year > 1970 else 0
@@ -83,12 +92,6 @@ def _require_ends(path: Path) -> None:
             todo += zip(leads, struct.unpack_from(form, raw, at + start), strict=False)
 
 
-def _declared(group: Any, rows: int) -> int:
-    """Bytes of a group's records, or of its blocks, whatever is more: the library makes room for either."""
-    one = group.channel_group.samples_byte_nr + getattr(group.channel_group, "invalidation_bytes_nr", 0)
-    return max(rows * int(one), sum(int(block.original_size or 0) for block in group.get_data_blocks()))
-
-
 def _require_inside(path: Path, group: Any, channel: Any) -> None:
     """Refuse a channel that reaches beyond its record: the library would copy what lies behind."""
     if hasattr(channel, "byte_offset"):  # MDF 4
@@ -114,14 +117,3 @@ def _load(path: Path, file: Any, group: int, index: int | None) -> NDArray[Any]:
         if signal.invalidation_bits is not None and values.dtype.kind in "fiub":
             values = np.where(np.asarray(signal.invalidation_bits), np.nan, values)
         return values
-
-
-def _close_quietly() -> None:
-    """Let what is left of a file that broke off while it was opened be thrown away without a word."""
-    from asammdf.blocks import mdf_v3, mdf_v4
-
-    def close(half_open: Any) -> None:
-        with suppress(Exception):
-            half_open.close()
-
-    mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = close

@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,8 +23,6 @@ from fdd.samples import Column
 
 if TYPE_CHECKING:
     from fdd.logs.channel_map import CsvLayout
-
-T = TypeVar("T")
 
 
 def _starts(*magic: bytes) -> Callable[[bytes], bool]:
@@ -82,15 +80,9 @@ def suffixes() -> tuple[str, ...]:
 
 
 def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
-    """Open a log of any format.
+    """Open a log of any format; `layout` tells how a CSV file is written, where that is known.
 
-    Parameters
-    ----------
-    layout : how a CSV file is written, where that is known.
-
-    Raises
-    ------
-    InputError : one line: no such file, damaged, of no known format, or what it needs is not installed.
+    Raises InputError: one line: no such file, damaged, of no known format, or what it needs is not installed.
     """
     path = Path(path)
     found = format_of(path)
@@ -114,9 +106,7 @@ def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
 def format_of(path: Path) -> Format:
     """The format of a file by its first bytes.
 
-    Raises
-    ------
-    InputError : no file, an empty one, one that is too large, or packed.
+    Raises InputError: no file, an empty one, one that is too large, or packed.
     """
     if path.is_dir():
         raise InputError("is a folder, not a log", where=path, mend="give the files in it")
@@ -153,24 +143,22 @@ class CheckedLog(LogFile):
     ----------
     path : the file. package : that reads it. opener : the package's.
 
-    Raises
-    ------
-    InputError : from here and from all methods: whatever the package's code raises, and answers that nothing
-        can be made of.
+    Raises InputError: from here and from all methods: whatever the package's code raises, and answers that
+    nothing can be made of.
     """
 
     def __init__(self, path: Path, package: str, opener: Callable[[Path], LogFile]) -> None:
-        self.path, self._package = path, package
-        self._rows: dict[str, int] = {}
+        super().__init__(path)
+        self._package, self._rows = package, dict[str, int]()
+        self._own: Any = None
         self._own = self._asked(opener, path)
         if not isinstance(self._own, LogFile):
             raise self._wrong(f"gave a {type(self._own).__name__}, not a LogFile")
-        super().__init__(path, dict(self._own.signals), doubled=set(self._own.doubled))
+        self.signals, self.doubled = dict(self._own.signals), set(self._own.doubled)
         for name, signal in self.signals.items():
             if not isinstance(signal, Signal) or signal.name != name or not 0 < len(name) <= LONGEST_NAME:
                 raise self._wrong(f"gave a signal {str(name)[:40]!r} without a usable name")
         require_size(1, len(self.signals), path)
-        self._take_over()
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """See `LogFile.read`."""
@@ -182,31 +170,19 @@ class CheckedLog(LogFile):
             if values.size != self._rows.setdefault(clock, values.size):
                 raise self._wrong(f"gave {values.size} and {self._rows[clock]} rows of one clock")
         require_size(max((v.size for v in out.values()), default=0), len(out), self.path)
-        self._take_over()
         return out
 
     def stamps(self, clock: str) -> Column | None:
         """See `LogFile.stamps`."""
         given = self._asked(self._own.stamps, clock)
-        self._take_over()
         found = None if given is None else self._column({"time": given}, "time")
         if found is not None and found.size != self._rows.get(clock, found.size):
             raise self._wrong(f"gave {found.size} times for {self._rows[clock]} rows")
         return found
 
-    def clock_column(self, clock: str) -> str | None:
-        """See `LogFile.clock_column`."""
-        return self._asked(self._own.clock_column, clock)
-
     def place(self, row: int) -> str:
         """See `LogFile.place`."""
         return str(self._asked(self._own.place, row))
-
-    def _take_over(self) -> None:
-        """What a reader may learn only as it reads."""
-        own = self._own
-        self.notes, self.metadata = [str(note) for note in own.notes], own.metadata
-        self.start_ns, self.truncated = int(own.start_ns), bool(own.truncated)
 
     def _column(self, given: dict[str, Column], name: str) -> Column:
         try:
@@ -217,9 +193,14 @@ class CheckedLog(LogFile):
             raise self._wrong(f"gave {values.ndim} dimensions for {name!r}")
         return values
 
-    def _asked(self, question: Callable[..., T], *of: Any) -> T:
+    def _asked(self, question: Callable[..., Any], *of: Any) -> Any:
+        own: Any = self._own
         try:
-            return question(*of)
+            answer = question(*of)
+            if own is not None:  # what a reader may learn only as it reads
+                self.notes, self.metadata = [str(note) for note in own.notes], own.metadata
+                self.start_ns, self.truncated = int(own.start_ns), bool(own.truncated)
+            return answer
         except (InputError, OSError, MemoryError):
             raise
         except Exception as error:

@@ -64,17 +64,11 @@ class LogFile(ABC):
     def read(self, names: Iterable[str]) -> dict[str, Column]:
         """Columns of signals by their whole names, NaN where a value is missing.
 
-        Raises
-        ------
-        InputError : a value is no number, or the file is damaged.
+        Raises InputError: a value is no number, or the file is damaged.
         """
 
     def stamps(self, clock: str) -> Column | None:
         """(n,) s of a clock's rows; None where the file does not tell: then a column has to be the time."""
-        return None
-
-    def clock_column(self, clock: str) -> str | None:
-        """The signal that `stamps` are made of, where there is one."""
         return None
 
     def place(self, row: int) -> str:
@@ -84,9 +78,7 @@ class LogFile(ABC):
     def find(self, name: str) -> Signal:
         """The signal of this name; the last part of its path is enough where only one ends so.
 
-        Raises
-        ------
-        InputError : no such signal, or several.
+        Raises InputError: no such signal, or several.
         """
         ends = [s for s in self.signals.values() if s.name.endswith(f"/{name}")]
         if name in self.doubled:
@@ -117,13 +109,9 @@ def require_size(rows: int, columns: int, where: Path) -> None:
 def require_stored(declared: int, stored: int, where: Path) -> None:
     """Refuse arrays that a damaged head declares far larger than what the file holds could unpack to.
 
-    Parameters
-    ----------
-    declared : bytes of all arrays. stored : bytes that they take in the file.
+    `declared`: bytes of all arrays. `stored`: bytes that they take in the file.
 
-    Raises
-    ------
-    InputError : names both figures.
+    Raises InputError: names both figures.
     """
     if declared > max(FREELY_DECLARED_BYTES, MOST_PACKING * stored):
         problem = f"damaged: declares {declared} bytes of numbers and holds {stored}"
@@ -167,9 +155,7 @@ def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
 
     The nanoseconds are subtracted before the floats lose them.
 
-    Parameters
-    ----------
-    stamps : (n,) datetime64; NaT where one is missing.
+    `stamps`: (n,) datetime64; NaT where one is missing.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How a text is laid out: encoding, separator, decimal mark, titles, names, units, first row of numbers."""
+"""How a text is laid out: encoding, separator, decimal mark, titles, names, units, first row, stamps."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from fdd.bounds import SNIFFED_BYTES
 from fdd.errors import InputError
-from fdd.logs.formats.dates import stamp_kind
-from fdd.logs.formats.signals import damaged
+from fdd.logs.formats.signals import damaged, seconds_since
 from fdd.measures import MEASURES, find_measure
+from fdd.samples import Column
 
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "#N/A", "null", "NULL", "None", "--", "-")
 _SEPARATORS = (";", "\t", ",", "|")
@@ -26,6 +29,11 @@ _GROUPED = {
 }
 _UNIT_CELL = re.compile(r"^\s*[\[(].{0,20}[\])]\s*$")
 
+_CLOCK = r"(?P<clock>\d{1,2}:\d\d(?::\d\d(?P<part>[.,]\d+)?)?)(?P<half> ?[AaPp][Mm])?"
+_DAY = r"(?P<a>\d{1,4})(?P<mark>[./-])(?P<b>\d{1,2})(?P=mark)(?P<c>\d{2,4})"
+_STAMP = re.compile(rf"(?:{_DAY})?(?P<gap>[T ]|, )?(?:{_CLOCK})?(?P<zone> ?(?:Z|UTC|[+-]\d\d:?\d\d))?")
+DAY_S = 86_400.0
+
 
 def head_of(path: Path) -> tuple[bytes, bool, bool]:
     """The first bytes, unpacked; whether the file is packed; whether these are all."""
@@ -34,22 +42,20 @@ def head_of(path: Path) -> tuple[bytes, bool, bool]:
 
     with path.open("rb") as source:
         head = source.read(SNIFFED_BYTES + 1)
-    if not head.startswith(b"\x1f\x8b"):
-        return head[:SNIFFED_BYTES], False, len(head) <= SNIFFED_BYTES
-    try:
-        with gzip.open(path, "rb") as packed:
-            head = packed.read(SNIFFED_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise damaged("damaged gzip file", path, error) from None
-    return head[:SNIFFED_BYTES], True, len(head) <= SNIFFED_BYTES
+    packed = head.startswith(b"\x1f\x8b")
+    if packed:
+        try:
+            with gzip.open(path, "rb") as unpacked:
+                head = unpacked.read(SNIFFED_BYTES + 1)
+        except (OSError, EOFError, zlib.error) as error:
+            raise damaged("damaged gzip file", path, error) from None
+    return head[:SNIFFED_BYTES], packed, len(head) <= SNIFFED_BYTES
 
 
 def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
     """The text and its encoding: UTF-16 by its mark, UTF-8 where it is that, else Windows-1252.
 
-    Raises
-    ------
-    InputError : no text.
+    Raises InputError: no text.
     """
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return head.decode("utf-16", errors="replace").lstrip("\ufeff"), "utf-16"
@@ -118,10 +124,8 @@ def find_layout(
 ) -> Layout | None:
     """The layout of a text file by its first lines; None where no row of numbers stands below a row of names.
 
-    Parameters
-    ----------
-    lines : the first some hundred lines. separator, decimal : where they are known.
-    skip : lines that are no part of the table.
+    `lines`: the first some hundred lines. `separator`, `decimal`: where they are known. `skip`: lines that
+    are no part of the table.
 
     Examples
     --------
@@ -155,10 +159,7 @@ def find_layout(
 def find_table(rows: Sequence[Sequence[str]], start: int = 0) -> tuple[list[str], list[str], int] | None:
     """Names, units and the index of the first row of numbers of a sheet of cells.
 
-    Parameters
-    ----------
-    rows : cells; an empty list is a line without any.
-    start : rows before are no part of the table.
+    An empty row is a line without cells; rows before `start` are no part of the table.
 
     Examples
     --------
@@ -179,15 +180,21 @@ def find_table(rows: Sequence[Sequence[str]], start: int = 0) -> tuple[list[str]
 
 
 def _is_data(row: Sequence[str]) -> bool:
+    """Whether at least half of the cells that are filled are numbers or stamps."""
     filled = [c for c in row if c.strip()]
-    return bool(filled) and sum(is_number(c) or stamp_kind(c) != "" for c in filled) >= max(
-        1, (len(filled) + 1) // 2
-    )
+    told = sum(is_number(c) or stamp_kind(c) != "" for c in filled)
+    return bool(filled) and told >= max(1, (len(filled) + 1) // 2)
 
 
 def _header(
     rows: Sequence[Sequence[str]], above: Sequence[int], width: int
 ) -> tuple[list[str], list[str]] | None:
+    """Names and units by the rows above the numbers, which have so many columns."""
+
+    def to_width(row: Sequence[str]) -> list[str]:
+        whole = [*row, *[""] * (width - len(row))]
+        return whole if any(whole[width:]) else whole[:width]
+
     fitting = [i for i in above if abs(len(rows[i]) - width) <= 1 and not _is_data(rows[i])]
     if width == 1:
         fitting = fitting[-1:]
@@ -195,15 +202,10 @@ def _header(
         return None
     last = list(rows[fitting[-1]])
     if len(fitting) > 1 and _is_units(last):
-        names = _to_width(rows[fitting[-2]], width)
-        return names, _to_width([c.strip("[]() ") for c in last], len(names))[: len(names)]
-    names = _to_width(last, width)
+        names = to_width(rows[fitting[-2]])
+        return names, to_width([c.strip("[]() ") for c in last])[: len(names)]
+    names = to_width(last)
     return (names, [""] * len(names)) if any(c.strip() for c in last) else None
-
-
-def _to_width(row: Sequence[str], width: int) -> list[str]:
-    whole = [*row, *[""] * (width - len(row))]
-    return whole if any(whole[width:]) else whole[:width]
 
 
 def _is_units(row: Sequence[str]) -> bool:
@@ -216,16 +218,90 @@ def _is_units(row: Sequence[str]) -> bool:
 
 
 def _decimal_of(cells: Sequence[str], separator: str) -> str:
+    """The decimal mark that most cells have, which are no stamps."""
     votes: Counter[str] = Counter()
-    for cell in cells:
-        if stamp_kind(cell):
-            continue
+    comma = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+    for cell in (c for c in cells if not stamp_kind(c)):
         if _GROUPED[","].fullmatch(cell):
             votes["."] += 2
-        elif _GROUPED["."].fullmatch(cell) or (
-            separator != "," and re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell)
-        ):
+        elif _GROUPED["."].fullmatch(cell) or (separator != "," and comma.fullmatch(cell)):
             votes[","] += 1
         elif "." in cell:
             votes["."] += 1
     return "," if votes[","] > votes["."] else "."
+
+
+def stamp_kind(cell: str) -> str:
+    """Whether a cell is a ``day``, a ``clock`` time, ``both``, or (empty) no stamp.
+
+    Examples
+    --------
+    >>> [stamp_kind(c) for c in ("04.03.2026 10:15", "10:15:02,5", "2026-03-04", "1.5", "")]
+    ['both', 'clock', 'day', '', '']
+    """
+    found = _STAMP.fullmatch(cell.strip())
+    if found is None or not (found["a"] or found["clock"]):
+        return ""
+    return "clock" if not found["a"] else "both" if found["clock"] else "day"
+
+
+def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[str]]:
+    """Stamps that are written alike, as seconds since the first.
+
+    Parameters
+    ----------
+    texts : (n,) stamps; None where one is missing. The first tells how all are written.
+
+    Returns (n,) s, NaN where a stamp is missing or written otherwise; ns since 1970 of the first (0 without a
+    date); notes.
+
+    Examples
+    --------
+    >>> stamps_to_seconds(["04.03.2026 10:15:00,25", "04.03.2026 10:15:01"])[:2]
+    (array([0.  , 0.75]), 1772619300250000000)
+    >>> stamps_to_seconds(["23:59:59.5", "0:00:00.5"])[0].tolist()
+    [0.0, 1.0]
+    """
+    import pandas as pd
+
+    first = next((t for t in texts if t), "")
+    found = _STAMP.fullmatch(first.strip())
+    if found is None:
+        return np.full(len(texts), np.nan), 0, []
+    series: Any = pd.Series(list(texts), dtype="str").str.strip()
+    if found["part"] or "," in first:
+        series = series.str.replace(",", ".", regex=False)
+    clock, half, zone = (found[name] or "" for name in ("clock", "half", "zone"))
+    to_the_second = clock.count(":") == 2
+    if found["a"] is None:
+        elapsed = pd.to_timedelta(series if to_the_second else series + ":00", errors="coerce").to_numpy()
+        seconds = elapsed.astype("timedelta64[ns]").astype(np.float64) * 1e-9
+        seconds[np.isnat(elapsed)] = np.nan
+        # A clock without a date begins again at midnight.
+        back = np.nan_to_num(np.diff(seconds, prepend=seconds[:1])) < -0.5 * DAY_S
+        seconds = seconds + DAY_S * np.cumsum(back)
+        return seconds - np.nanmin(seconds), 0, []
+    notes: list[str] = []
+    order = ["%Y", "%m", "%d"]
+    if len(found["a"]) != 4:
+        # Whether 4/3 is the fourth of March: a dot is German, a slash tells by a number above twelve.
+        day_first = True
+        if found["mark"] == "/":
+            parts = series.str.extract(r"^(\d{1,2})/(\d{1,2})/").astype("Float64").max()
+            day_first = float(parts[0]) > 12
+            if not day_first and not float(parts[1]) > 12:
+                notes = [f"dates such as {found['a']}/{found['b']}/{found['c']} are read as month/day/year"]
+        order = [*(("%d", "%m") if day_first else ("%m", "%d")), "%y" if len(found["c"]) == 2 else "%Y"]
+    form = found["mark"].join(order)
+    if clock:
+        form += (found["gap"] or "").replace(",", ".") + ("%I" if half else "%H") + ":%M"
+        form += ":%S" if to_the_second else ""
+    after = f"{' ' * half.startswith(' ')}%p" if half else ""
+    after += f"{' ' * zone.startswith(' ')}%z" if zone else ""
+    read: Any = None
+    # A logger leaves the parts of a second out where they are zero.
+    for part in (".%f", "") if to_the_second else ("",):
+        tried = pd.to_datetime(series, format=form + part + after, errors="coerce", utc=bool(zone))
+        read = tried if read is None else read.fillna(tried)
+    read = read.dt.tz_localize(None) if zone else read
+    return *seconds_since(np.asarray(read.to_numpy(), dtype="datetime64[ns]")), notes

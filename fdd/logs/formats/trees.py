@@ -88,13 +88,10 @@ class TreeFile(LogFile):
         # Several rates count in one unit: the fastest tells which, as a log is not slower than 50 Hz.
         last = name.rsplit("/", 1)[-1]
         alike = {n for n in self.clocks.values() if n.rsplit("/", 1)[-1] == last}
-        step = min(_step(self._loaded(n)) for n in alike)
+        steps = (np.diff(self._loaded(n)) for n in alike)
+        step = min(float(np.median(s)) if s.size else np.inf for s in steps)
         fitting = (MEASURES[u].factor for u in ("s", "ms", "us", "ns"))
         return values * next((f for f in fitting if step * f <= SLOWEST_STEP_S), 1.0)
-
-    def clock_column(self, clock: str) -> str | None:
-        """See `LogFile.clock_column`."""
-        return self.clocks.get(clock)
 
     def _loaded(self, name: str) -> Column:
         raw = np.asarray(self.leaves[name].load()).reshape(-1)
@@ -107,45 +104,35 @@ class TreeFile(LogFile):
         return raw.astype(np.float64)
 
 
-def _step(stamps: Column) -> float:
-    return float(np.median(np.diff(stamps))) if stamps.size > 1 else np.inf
-
-
 def tree_file(path: Path, groups: Mapping[str, Group]) -> TreeFile:
     """Signals of arrays by group, whose name is its path, "" for the top.
 
-    Raises
-    ------
-    InputError : no arrays of more than one number, or more than is read.
+    Raises InputError: no arrays of more than one number, or more than is read.
     """
     log = TreeFile(path)
-    for name, group in groups.items():
-        _add_group(log, name, group)
+    for group, content in groups.items():
+        prefix = f"{group}/" if group else ""
+        by_size: dict[int, dict[str, Leaf]] = {}
+        for name, leaf in content.leaves.items():
+            if leaf.size > 1 and name:
+                unit = leaf.unit or (content.unit if name.lower() not in ("time", "t") else None)
+                by_size.setdefault(leaf.size, {})[name] = replace(leaf, unit=unit)
+        for size, leaves in by_size.items():
+            times = [n for n in leaves if is_time_name(n)]
+            values = [n for n in leaves if n not in times]
+            clock = group if len(by_size) == 1 else f"{group}#{size}"
+            log.leaves |= {prefix + n: leaf for n, leaf in leaves.items()}
+            if times:
+                log.clocks[clock] = prefix + times[0]
+            elif (period := content.period()) is not None:
+                log.periods[clock] = (period, size)
+            if group and len(values) == 1 and times and values[0].lower() in _VALUES:
+                log.leaves[group] = leaves[values[0]]
+                log.signals[group] = Signal(group, clock, leaves[values[0]].unit)
+                continue
+            for n in (*times, *values):
+                log.signals[prefix + n] = Signal(prefix + n, clock, leaves[n].unit)
     if not log.signals:
         raise InputError("no signals (arrays of numbers with more than one value)", where=path)
     require_size(max(leaf.size for leaf in log.leaves.values()), len(log.leaves), path)
     return log
-
-
-def _add_group(log: TreeFile, group: str, content: Group) -> None:
-    prefix = f"{group}/" if group else ""
-    by_size: dict[int, dict[str, Leaf]] = {}
-    for name, leaf in content.leaves.items():
-        if leaf.size > 1 and name:
-            unit = leaf.unit or (content.unit if name.lower() not in ("time", "t") else None)
-            by_size.setdefault(leaf.size, {})[name] = replace(leaf, unit=unit)
-    for size, leaves in by_size.items():
-        times = [n for n in leaves if is_time_name(n)]
-        values = [n for n in leaves if n not in times]
-        clock = group if len(by_size) == 1 else f"{group}#{size}"
-        log.leaves |= {prefix + n: leaf for n, leaf in leaves.items()}
-        if times:
-            log.clocks[clock] = prefix + times[0]
-        elif (period := content.period()) is not None:
-            log.periods[clock] = (period, size)
-        if group and len(values) == 1 and times and values[0].lower() in _VALUES:
-            log.leaves[group] = leaves[values[0]]
-            log.signals[group] = Signal(group, clock, leaves[values[0]].unit)
-            continue
-        for n in (*times, *values):
-            log.signals[prefix + n] = Signal(prefix + n, clock, leaves[n].unit)

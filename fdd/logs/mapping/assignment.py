@@ -36,45 +36,37 @@ def assign(scores: dict[str, dict[str, float]], channels: list[str]) -> dict[str
 
     How sure a choice is follows from how much the total falls where it is forbidden.
 
-    Parameters
-    ----------
-    scores : signal to channel to nats; a channel that is not there is impossible.
-    channels : to be filled.
+    `scores`: signal to channel to nats; a channel that is not there is impossible. `channels`: to be filled.
     """
+    from scipy.optimize import linear_sum_assignment
+
     signals = list(scores)
     rows = [[of.get(channel, IMPOSSIBLE) for channel in channels] for of in scores.values()]
     table = np.array(rows).reshape(len(signals), len(channels))
-    total, chosen = _best(table)
+
+    def best(table: NDArray[np.float64]) -> tuple[float, list[tuple[int, int]]]:
+        # As many columns that mean "no channel" as there are signals, so that nothing is forced.
+        wide = np.concatenate([table, np.full((len(signals), len(signals)), LEAST_SCORE)], axis=1)
+        i, j = linear_sum_assignment(wide, maximize=True)
+        pairs = [(int(a), int(b)) for a, b in zip(i, j, strict=True) if b < len(channels)]
+        return float(wide[i, j].sum()), pairs
+
+    total, chosen = best(table)
     out: dict[str, Choice] = {}
     for i, j in chosen:
         without = table.copy()
         without[i, j] = IMPOSSIBLE
-        less, others = _best(without)
+        less, others = best(without)
         other = next((signals[a] for a, b in others if b == j), None)
         confidence = float(1.0 / (1.0 + np.exp(-min(total - less, 50.0))))
         out[channels[j]] = Choice(signals[i], confidence, other)
     return out
 
 
-def _best(table: NDArray[np.float64]) -> tuple[float, list[tuple[int, int]]]:
-    from scipy.optimize import linear_sum_assignment
-
-    rows, columns = table.shape
-    # As many columns that mean "no channel" as there are signals, so that nothing is forced.
-    wide = np.concatenate([table, np.full((rows, rows), LEAST_SCORE)], axis=1)
-    i, j = linear_sum_assignment(wide, maximize=True)
-    chosen = [(int(a), int(b)) for a, b in zip(i, j, strict=True) if b < columns]
-    return float(wide[i, j].sum()), chosen
-
-
 def signs_of(found: Clues, chosen: dict[str, Choice]) -> tuple[dict[str, int], list[str]]:
-    """Signs by physics: a positive pump motion extends the cylinder and raises the pressure of chamber 1.
+    """Signs by channel, and what was found out: a positive pump motion extends and raises chamber 1.
 
     Chambers that turn out the wrong way round are swapped in `chosen`.
-
-    Returns
-    -------
-    Sign by channel, and what was found out, one line each.
     """
     data, signs = found.data, dict.fromkeys(chosen, 1)
     name = {channel: choice.signal for channel, choice in chosen.items()}
@@ -90,9 +82,9 @@ def signs_of(found: Clues, chosen: dict[str, Choice]) -> tuple[dict[str, int], l
         difference = data.columns[drop]
     else:
         return signs, []
-    rate = pump != "pump_angle"
-    along = correlation(data.changes(name["position"]), data.turned(name[pump], rate=rate))
-    t = data.rises_with_pumping(difference, name["position"], name[pump], rate=rate)
+    turned_by = data.changes(name[pump]) if pump == "pump_angle" else data.sums(name[pump])
+    along = correlation(data.changes(name["position"]), turned_by)
+    t = data.rises_with_pumping(difference, name["position"], turned_by)
     if abs(along) < 0.5:
         return signs, ["the position does not follow the pump in this log: signs are taken as they are"]
     notes: list[str] = []
@@ -118,19 +110,14 @@ def signs_of(found: Clues, chosen: dict[str, Choice]) -> tuple[dict[str, int], l
         signs["pressure_difference"] = -signs.get("pressure_difference", 1)
         notes.append(f"a positive pump motion raises {two}: it is chamber 1")
     signs |= {channel: -1 for channel in turned if channel in chosen}
-
-    def like(demand: str, measured: str) -> None:
-        """Give a demand the sign of what follows it."""
+    for demand, measured in (("command", pump), ("position_setpoint", "position")):
         if demand in chosen and measured not in (demand, "pump_angle"):
             alike = data.alike(name[demand], name[measured])
-            if abs(alike) > 0.5:
+            if abs(alike) > 0.5:  # a demand has the sign of what follows it
                 signs[demand] = signs[measured] * (1 if alike > 0 else -1)
-
-    like("command", pump)
     if "pump_angle" in chosen and pump == "pump_speed":
         backwards = data.follows(name["pump_angle"], name[pump]) < -0.5
         signs["pump_angle"] = signs[pump] * (-1 if backwards else 1)
-    like("position_setpoint", "position")
     if "motor_current" in chosen and drop:
         torque = data.alike(name["motor_current"], drop)
         if abs(torque) > 0.5 and signs["pressure_difference"] * torque < 0:

@@ -79,10 +79,6 @@ class Signals:
         total = np.concatenate(([0.0], np.cumsum(self.filled(signal))))
         return np.diff(total[self._edges]) / np.diff(self._edges)
 
-    def turned(self, pump: str, *, rate: bool) -> Column:
-        """(k,) how far a pump turned in each window, by its speed (`rate`) or its angle."""
-        return self.sums(pump) if rate else self.changes(pump)
-
     def follows(self, integral: str, rate: str) -> float:
         """How well one signal is the other's integral: correlation over windows; its sign tells the way."""
         return correlation(self.changes(integral), self.sums(rate))
@@ -119,7 +115,7 @@ class Signals:
                 found.append((rest / spread, d, one, two))
         return min(found, key=lambda row: row[0])[1:] if found else None
 
-    def rises_with_pumping(self, drop: Column, position: str, pump: str, *, rate: bool) -> float:
+    def rises_with_pumping(self, drop: Column, position: str, theta: Column) -> float:
         """Student's t of a pressure difference's rise with the oil that the pump gives beyond the motion.
 
         The flow that does not go into motion leaks and compresses: ``theta - x / k = L * integral of drop +
@@ -130,9 +126,9 @@ class Signals:
         Parameters
         ----------
         drop : (n,) pressure difference in any unit, or one chamber's pressure (less than zero for the side
-            that is emptied). rate : whether `pump` is a speed, not an angle.
+            that is emptied). theta : (k,) how far the pump turned in each window.
         """
-        theta, x = self.turned(pump, rate=rate), self.changes(position)
+        x = self.changes(position)
         if theta.size < LEAST_WINDOWS:
             return 0.0
         parts = [np.maximum(x, 0.0), np.minimum(x, 0.0), self.sums(drop), self.changes(drop)]
@@ -199,11 +195,8 @@ def counts_a_turn(values: Column) -> float | None:
     """Counts after which a saw-tooth begins again; None where a signal is none.
 
     Between two falls an angle goes on as before, so each fall and the steps beside it give the counts of a
-    turn. They agree with each other and with the signal's range, which those of a spike or a switch do not.
-
-    Parameters
-    ----------
-    values : (n,) raw; NaN where missing.
+    turn. They agree with each other and with the range of the (n,) raw values, which those of a spike or a
+    switch do not.
     """
     there = values[np.isfinite(values)]
     spread = float(np.ptp(there)) if there.size else 0.0

@@ -80,11 +80,7 @@ _RAW = {
 
 
 class Words:
-    """Words and the concepts that each may stand for.
-
-    Parameters
-    ----------
-    more : a file of a user's own words (``fdd.words/1``), added to the shipped ones.
+    """Words and the concepts that each may stand for; `more`: a file of a user's own besides (fdd.words/1).
 
     Examples
     --------
@@ -204,15 +200,7 @@ def said_and_unit(signal: Signal, words: Words) -> tuple[set[str], str | None]:
 
 
 def name_scores(signal: Signal, words: Words) -> dict[str, float]:
-    """Evidence in nats that the signal is each of the channels that its name and unit allow.
-
-    Parameters
-    ----------
-    signal : of a log.
-
-    Returns
-    -------
-    Channel to score; a channel that the unit excludes is not there.
+    """Evidence in nats that the signal is each of the channels that its name and unit allow, by channel.
 
     Examples
     --------

@@ -13,7 +13,7 @@ from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal
 from fdd.logs.mapping.behaviour import Shaft, Signals, correlation, find_shaft
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
-from fdd.logs.names import is_time_name, path_parts, time_unit
+from fdd.logs.names import grows, is_time_name, path_parts, time_unit
 from fdd.logs.rates import aligned
 from fdd.measures import MEASURES
 from fdd.samples import CHANNELS
@@ -90,13 +90,9 @@ class Clues:
 def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
     """Read a log's signals and score them.
 
-    Parameters
-    ----------
-    log : opened. words : to read names by. given : channel to signal, as the user knows it; "" for none.
+    `log`: opened. `words`: to read names by. `given`: channel to signal, as the user knows it; "" for none.
 
-    Raises
-    ------
-    InputError : nothing in the log can be its time.
+    Raises InputError: nothing in the log can be its time.
     """
     found = _read(log, words)
     for name, channels in found.scores.items():
@@ -126,14 +122,12 @@ def _read(log: LogFile, words: Words) -> Clues:
     if at is None:
         time = _time_column(log, raw, main)
         at = raw[time[0]] * MEASURES[time[1]].factor
-    clocks = {log.clock_column(clock) for clock in stamps} | {time[0] if time else None}
     good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS_LOOKED_AT]
     columns = {}
     for name, signal in log.signals.items():
         own = stamps[signal.clock]
-        if name in clocks or (is_time_name(name) and _grows(raw[name])):  # T may be a temperature
-            continue
-        if signal.clock != main and own is None:
+        is_time = (time is not None and name == time[0]) or (is_time_name(name) and grows(raw[name]))
+        if is_time or (signal.clock != main and own is None):  # T may be a temperature
             continue
         values = raw[name] if signal.clock == main or own is None else aligned(at, own, raw[name])
         values = np.where(np.abs(values[good]) < LARGEST, values[good], np.nan)
@@ -157,7 +151,7 @@ def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[
     for signal in log.signals.values():
         values = raw[signal.name]
         steps = np.diff(values[np.isfinite(values)])
-        if signal.clock != clock or steps.size < 10 or not _grows(values):
+        if signal.clock != clock or steps.size < 10 or not grows(values):
             continue
         usual = float(np.median(steps))
         even = float((np.abs(steps - usual) < 0.5 * usual).mean()) + 2.0 * is_time_name(signal.name)
@@ -182,12 +176,6 @@ def _without_prefix(signals: dict[str, Signal]) -> dict[str, Signal]:
         plain = f"{before}/{last[n:]}" if before else last[n:]
         out[name] = replace(s, field=s.field[n:]) if s.field else replace(s, name=plain)
     return out
-
-
-def _grows(values: np.ndarray) -> bool:
-    """Whether it never falls, but for a few rows."""
-    steps = np.diff(values[np.isfinite(values)])
-    return steps.size > 0 and float((steps >= 0.0).mean()) >= 0.95
 
 
 def _shaft(found: Clues, given: set[str]) -> None:
@@ -256,7 +244,7 @@ def _chambers(found: Clues) -> None:
     One rests while the other works: check valves or a directional valve keep the emptied side near the
     accumulator's pressure.
     """
-    data, rate = found.data, found.shaft is None
+    data = found.data
     pump = found.named("pump_speed") if found.shaft is None else found.shaft.signal
     x, told = found.named("position"), any(found.named(channel) for channel in PRESSURES[:3])
     may = sorted(
@@ -266,32 +254,33 @@ def _chambers(found: Clues) -> None:
     if pump is None or x is None or told or not data.changes(x).size:
         return
     # A pressure is filled by the motion that counts as positive, whichever way the pump counts.
-    way = 1.0 if correlation(data.changes(x), data.turned(pump, rate=rate)) > 0.0 else -1.0
+    turned = data.sums(pump) if found.shaft is None else data.changes(pump)
+    way = 1.0 if correlation(data.changes(x), turned) > 0.0 else -1.0
     middles = {n: data.columns[n] - float(np.nanmedian(data.columns[n])) for n in may}
-    t = {n: way * data.rises_with_pumping(v, x, pump, rate=rate) for n, v in middles.items()}
+    t = {n: way * data.rises_with_pumping(v, x, turned) for n, v in middles.items()}
     for side, sense, word in (("pressure_1", 1.0, "raises"), ("pressure_2", -1.0, "lowers")):
         best = max((sense * t[n] for n in may), default=0.0)
         for name in may:
             if sense * t[name] > 0.0:  # what explains less than half of what the best does is none beside it
                 nats = min(0.5 * t[name] ** 2, SURE_NATS) * min(2.0 * (t[name] / best) ** 2, 1.0)
                 found.add(name, side, nats, f"pumping {word} it (t = {abs(t[name]):.0f})")
+
+    def rest(a: str, b: str) -> float:
+        """The share of its scatter that one keeps while the other is high, the larger of both ways round."""
+        shares = [1e-3]
+        for mine, its in permutations((data.means(a), data.means(b))):
+            working = its > 0.5 * float(np.sum(np.percentile(its, [5.0, 95.0])))
+            shares.append(float(np.std(mine[working]) / np.std(mine)) if working.any() else 1.0)
+        return max(shares)
+
     clear = [n for n in may if abs(t[n]) > CLEAR_T]
-    pairs = [(_rest(data, a, b), a, b) for a, b in combinations(clear, 2) if t[a] * t[b] < 0.0]
+    pairs = [(rest(a, b), a, b) for a, b in combinations(clear, 2) if t[a] * t[b] < 0.0]
     if pairs and min(pairs)[0] < RESTS:
         share, *both = min(pairs)
         one, two = sorted(both, key=lambda n: -t[n])
         nats = -2.0 * float(np.log(share / RESTS))
         found.add(one, "pressure_1", nats, f"it rests while {two} is high")
         found.add(two, "pressure_2", nats, f"it rests while {one} is high")
-
-
-def _rest(data: Signals, a: str, b: str) -> float:
-    """The share of its scatter that one keeps while the other is high, the larger of both ways round."""
-    shares = [1e-3]
-    for mine, its in permutations((data.means(a), data.means(b))):
-        working = its > 0.5 * float(np.sum(np.percentile(its, [5.0, 95.0])))
-        shares.append(float(np.std(mine[working]) / np.std(mine)) if working.any() else 1.0)
-    return max(shares)
 
 
 def _accumulator(found: Clues) -> None:

@@ -64,9 +64,8 @@ class Given:
 def given_of(options: Iterable[str]) -> dict[str, Given]:
     """Read what a user says of channels, each as ``CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]``.
 
-    Raises
-    ------
-    InputError : no such channel, a scale that is no number or has no unit, or a unit of another dimension.
+    Raises InputError: no such channel, a scale that is no number or has no unit, or a unit of another
+    dimension.
 
     Examples
     --------
@@ -140,12 +139,7 @@ class Proposal:
         self.questions.remove(question)
 
     def channel_map(self, name: str = "", axis: str | None = None) -> ChannelMap:
-        """The map as it stands.
-
-        Raises
-        ------
-        InputError : it lacks what a diagnosis needs.
-        """
+        """The map as it stands. Raises InputError: it lacks what a diagnosis needs."""
         channels = {c: r.source for c, r in self.rows.items()}
         if absent := missing_required(channels):
             lone = [c for c in ("pressure_1", "pressure_2") if c not in channels]
@@ -157,9 +151,7 @@ class Proposal:
     def map_text(self, name: str, axis: str | None, made_of: str) -> str:
         """The map as YAML, a line a channel with what spoke for it behind.
 
-        Raises
-        ------
-        InputError : it lacks what a diagnosis needs.
+        Raises InputError: it lacks what a diagnosis needs.
         """
         self.channel_map(name, axis)
         head = {"schema": "fdd.map/1", "name": name, **({} if axis is None else {"axis": axis})}
@@ -179,14 +171,10 @@ class Proposal:
 def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | None = None) -> Proposal:
     """Propose a map for a log.
 
-    Parameters
-    ----------
-    log : opened. words : to read names by; the shipped ones.
-    given : what the user knows, by channel; see `given_of`.
+    `log`: opened. `words`: to read names by; the shipped ones. `given`: what the user knows, by channel; see
+    `given_of`.
 
-    Raises
-    ------
-    InputError : nothing in the log can be its time, or a given signal is not there.
+    Raises InputError: nothing in the log can be its time, or a given signal is not there.
     """
     if not log.signals:
         raise InputError("no signals in it", where=log.path, mend="see fdd inspect what it holds")
@@ -261,12 +249,7 @@ def _short(log: LogFile, signal: Signal) -> str:
 
 
 def balance_words(samples: Samples) -> list[str]:
-    """Whether position, pump and pressures fit together as a cylinder's do, one sentence each.
-
-    Parameters
-    ----------
-    samples : a log read by the map.
-    """
+    """Whether position, pump and pressures of a log fit together as a cylinder's do, one sentence each."""
     columns = {n: samples[n] for n in ("position", "pump_angle", "pump_speed") if n in samples}
     data, rate = Signals(samples.time, columns), "pump_speed" in columns
     pump, words = "pump_speed" if rate else "pump_angle", []
@@ -277,7 +260,8 @@ def balance_words(samples: Samples) -> list[str]:
         verdict = "as it should" if along > 0.8 else "which is not how a pump moves a cylinder"
         moves = f"the piston moves {ratio:.3g} mm a radian of the pump (correlation {along:.2f})"
         words.append(f"{moves}, {verdict}")
-    t = data.rises_with_pumping(samples["pressure_difference"], "position", pump, rate=rate)
+    turned = data.sums(pump) if rate else data.changes(pump)
+    t = data.rises_with_pumping(samples["pressure_difference"], "position", turned)
     if abs(t) > 5.0:
         verdict = "as it should" if t > 0 else "so chambers or signs are the wrong way round"
         words.append(f"pumping {'raises' if t > 0 else 'lowers'} P1 - P2 (t = {t:.0f}), {verdict}")

@@ -50,9 +50,7 @@ class Question:
 def scale_of(found: Clues, speed: str | None, channel: str, name: str) -> dict[str, object]:
     """Unit of a signal as a channel; a scale where it is in volts or counts, by what it has to be like.
 
-    Parameters
-    ----------
-    speed : the signal of the pump's speed, which a demand in volts is held against.
+    `speed` is the signal of the pump's speed, which a demand in volts is held against.
     """
     unit, shaft, data = found.units[name], found.shaft, found.data
     if unit is not None and find_measure(unit, CHANNELS[channel].dimension) is not None:
@@ -74,26 +72,18 @@ def scale_of(found: Clues, speed: str | None, channel: str, name: str) -> dict[s
         unit_of_speed = find_measure(found.units[speed] or "rad/s", "angular_speed")
         slope, spread = data.slope(speed, name)
         if unit_of_speed is not None and abs(slope) > 20.0 * spread:
-            return {"scale": _rounded_to_rpm(abs(slope) * unit_of_speed.factor), "unit": "rad/s"}
+            per_volt = abs(slope) * unit_of_speed.factor
+            # A drive has a multiple of 500 rpm at 10 V; within 1.5 % of one, it is that.
+            at_ten_volts = 10.0 * per_volt * 30.0 / np.pi
+            whole = 500.0 * round(at_ten_volts / 500.0)
+            usual = whole >= 500.0 and abs(at_ten_volts / whole - 1.0) < 0.015
+            scale = float(whole * np.pi / 300.0) if usual else float(f"{per_volt:.5g}")
+            return {"scale": scale, "unit": "rad/s"}
     return {}
 
 
-def _rounded_to_rpm(per_volt: float) -> float:
-    """A drive's scale is a multiple of 500 revolutions a minute at 10 V; within 1.5 % of one, it is that."""
-    at_ten_volts = 10.0 * per_volt * 30.0 / np.pi
-    whole = 500.0 * round(at_ten_volts / 500.0)
-    if whole >= 500.0 and abs(at_ten_volts / whole - 1.0) < 0.015:
-        return float(whole * np.pi / 300.0)
-    return float(f"{per_volt:.5g}")
-
-
 def with_units(found: Clues, names: dict[str, str], known: Sources) -> list[Question]:
-    """Give channels that have no unit the likeliest one; a question where that is not clear.
-
-    Parameters
-    ----------
-    names : channel to signal. known : channel to its source so far, which is changed.
-    """
+    """Give channels in `known`, of the signals in `names`, the likeliest unit; ask where it is not clear."""
     asked = []
     for kind, units in _UNITS.items():
         members = [c for c in known if c.startswith(kind) and c != "position_setpoint"]
@@ -112,7 +102,8 @@ def with_units(found: Clues, names: dict[str, str], known: Sources) -> list[Ques
         known |= options[likely[0]]
         signals, several = ", ".join(names[c] for c in unknown), len(unknown) > 1
         # Whole numbers without a unit are a converter's, and no physics knows its scale.
-        if any(names[c] in found.unnamed and _whole(found.data.columns[names[c]]) for c in unknown):
+        raw = (found.data.columns[names[c]] for c in unknown if names[c] in found.unnamed)
+        if any(bool(np.all(v == np.round(v))) for v in (v[np.isfinite(v)] for v in raw)):
             which = f"Which scale {'have' if several else 'has'} {signals}"
             text = f"{which} ({kind}, raw counts by the look of it)?"
             hint = " ".join(f"--set {c}={names[c]}*SCALE+OFFSET:{likely[0]}" for c in unknown)
@@ -121,11 +112,6 @@ def with_units(found: Clues, names: dict[str, str], known: Sources) -> list[Ques
             text = f"In which unit {'are' if several else 'is'} {signals}?"
             asked.append(Question(kind, text, options, f"--set {kind}=:{likely[0]}"))
     return asked
-
-
-def _whole(values: np.ndarray) -> bool:
-    there = values[np.isfinite(values)]
-    return bool(np.all(there == np.round(there)))
 
 
 def _demand_like(found: Clues, names: dict[str, str], known: Sources, sources: Sources) -> Sources:

@@ -17,7 +17,7 @@ from fdd.errors import InputError
 from fdd.files import require_writable, write_text
 from fdd.logs import read_log
 from fdd.logs.quality import nominal_period
-from fdd.monitor.sources import Replay, WallClock
+from fdd.monitor import Replay, WallClock
 from fdd.samples import Samples
 from fdd.service.blocks import axis_name
 from fdd.service.config_sources import FolderSource, ReplaySource

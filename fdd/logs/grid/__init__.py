@@ -1,11 +1,14 @@
-"""Numbers of rows on the grid of their nominal period."""
+"""Numbers of rows on the grid of their nominal period, compiled: kept on disk until its folder changes."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
-from fdd.logs.wire.compiled import njit
+from estimators.compiled import compiler
 
+njit = compiler(Path(__file__).parent)
 _KEPT = 0.99
 """Share of what rounding left over that the next row takes up: a late stamp is made good by the row after it,
 and a clock that runs a little faster than its nominal rate gains no rows."""
@@ -13,16 +16,9 @@ and a clock that runs a little faster than its nominal rate gains no rows."""
 
 @njit(error_model="numpy")
 def grid_steps(time, period, rest, kept):  # type: ignore[no-untyped-def]
-    """Steps of time in whole periods, and what rounding had left over before each.
+    """(n - 1,) steps of (n,) times (s) in whole periods (s), and the periods that rounding left over before.
 
-    Parameters
-    ----------
-    time : (n,) s, one row or more. period : s, nominal.
-    rest : periods, left over before the first step. kept : share of it that the next step takes up.
-
-    Returns
-    -------
-    (n - 1,) integers, (n - 1,) periods.
+    `rest`: periods, left over before the first step. `kept`: share of it that the next step takes up.
     """
     steps, rests = np.empty(time.size - 1, np.int64), np.empty(time.size - 1)
     for k in range(time.size - 1):

@@ -1,1 +1,0 @@
-"""Messages as bytes to columns of numbers: MCAP's chunks, Protobuf, ROS's CDR, JSON."""
