@@ -56,9 +56,10 @@ def axis(name: str = "A1", **given: Any) -> AxisStatus:
 
 
 def metrics_of(*axes: AxisStatus, alarms: Any = lambda states: ()) -> Metrics:
-    fleet = SimpleNamespace(axes=lambda: axes, sources=lambda: SOURCES, store_errors=2.0)
-    outputs = SimpleNamespace(status=lambda: OUTPUTS)
-    return Metrics(fleet, SimpleNamespace(alarms=alarms), outputs)  # type: ignore[arg-type]
+    fleet = SimpleNamespace(axes=lambda: axes, writer=SimpleNamespace(errors=2.0))
+    store, outputs = SimpleNamespace(alarms=alarms), SimpleNamespace(status=lambda: OUTPUTS)
+    service = SimpleNamespace(fleet=fleet, store=store, outputs=outputs, sources=lambda: SOURCES)
+    return Metrics(service)  # type: ignore[arg-type]
 
 
 def families(*axes: AxisStatus, alarms: Any = lambda states: [transition()["alarm"]]) -> list[Any]:
