@@ -89,7 +89,6 @@ class Outputs(Part):
     metrics: bool = True
     mqtt: MqttOutput | None = None
     webhooks: tuple[Webhook, ...] = ()
-    jsonl: ConfigPath | None = None
     recording: Recording | None = None
 
 

@@ -225,7 +225,5 @@ def check_files(config: Serve) -> None:
     for hook in outputs.webhooks:
         if hook.secret_file is not None:
             read_secret(hook.secret_file)
-    if outputs.jsonl is not None:
-        require_writable(outputs.jsonl)
     if outputs.recording is not None:
         require_writable(outputs.recording.folder, folder=True)
