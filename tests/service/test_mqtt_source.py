@@ -89,8 +89,9 @@ def test_topics_with_wildcards_name_the_axis_or_the_message_does(
     assert np.array_equal(taker.joined("R2")["position"], a_block(0).samples["position"])
 
 
-def test_what_fails_within_fdd_does_not_hold_up_what_comes_after(
-    reading: Reading, taker: Taker, sender: Client, monkeypatch: pytest.MonkeyPatch
+@VERSIONS
+def test_garbage_faults_of_fdd_and_retained_messages_are_counted_and_hold_up_nothing(
+    version: str, reading: Reading, taker: Taker, sender: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def failing(self: Decoder, payload: bytes, *given: object, **more: object) -> Block:
         if payload == b"fault":
@@ -99,29 +100,21 @@ def test_what_fails_within_fdd_does_not_hold_up_what_comes_after(
 
     decode = Decoder.decode
     monkeypatch.setattr(Decoder, "decode", failing)
-    source = reading(topics=["rigs/{axis}"])
-    for _ in range(450):  # more than may be on their way unacknowledged
-        sender.publish("rigs/A1", b"fault")
-    sender.publish("rigs/A1", encode_json(a_block(0)))
-    until(lambda: source.status()["received"] == 1)  # counted a moment after it was put
-    assert taker.numbers() == [0] and source.status()["refused"] == 450
-    assert source.status()["last_error"] == "internal error: RuntimeError: a fault"
-
-
-@VERSIONS
-def test_garbage_and_retained_messages_are_counted_and_leave_the_session(
-    version: str, reading: Reading, taker: Taker, sender: Client
-) -> None:
     # It has to be there before the source subscribes, or it would come as any other.
     sender.publish("rigs/A1", encode_json(a_block(99)), retain=True).wait_for_publish(60.0)
     source = reading(version=version)
     for k in range(450):  # more than may be on their way unacknowledged
-        sender.publish("rigs/A1", (b"", b"garbage", b"\xff\xff\xff\xff\x10", b'{"schema": 3}')[k % 4])
+        sender.publish(
+            "rigs/A1", (b"", b"garbage", b"fault", b"\xff\xff\xff\xff\x10", b'{"schema": 3}')[k % 5]
+        )
+    until(lambda: source.status()["refused"] == 450)
+    assert source.status()["last_error"].startswith("topic rigs/A1: ")
+    sender.publish("rigs/A1", b"fault")
     for k in range(5):
         sender.publish("rigs/A1", encode_json(a_block(k)))
     until(lambda: taker.numbers() == [0, 1, 2, 3, 4])
     status = source.status()
-    assert status["refused"] == 450 and status["last_error"].startswith("topic rigs/A1: ")
+    assert status["refused"] == 451 and status["last_error"] == "internal error: RuntimeError: a fault"
     assert status.get("retained", 0) == (version == "3.1.1")
 
 

@@ -82,39 +82,33 @@ def test_everything_comes_back_as_it_was_written(store: Store, url: str) -> None
 
 
 def test_a_book_goes_on_from_the_store_as_if_it_had_never_stopped(store: Store) -> None:
-    book, time = AlarmBook(), 0.0
+    """Raised for 50 s each 200 s, never acknowledged: one alarm that chatters, whoever restarts."""
+    book, whole, time = AlarmBook(), AlarmBook(), 0.0
 
     def look(*stands: FaultFinding, seconds: float = 5.0) -> list[Transition]:
         nonlocal time
         time += seconds
-        twin = AlarmBook()
-        twin.restore(book.state())
-        transitions = book.update("A1", time, WALL + time, stands)
-        assert twin.update("A1", time, WALL + time, stands) == transitions
+        moved = book.update("A1", time, WALL + time, stands)
+        assert moved == whole.update("A1", time, WALL + time, stands)
         with store.transaction() as t:
             t.alarm(*book.alarms("A1"))
-            for transition in transitions:
+            for transition in moved:
                 t.transition(transition)
-        return transitions
+        return moved
 
     for number in range(400):
         if number % 7 == 0:
-            restored = AlarmBook()
-            restored.restore(store.book())
-            assert restored.state()["next_id"] == book.state()["next_id"]
-            book = restored
+            book = AlarmBook()
+            book.restore(store.book())
         look(*[LEAK] * (number % 40 < 10))
-    # Raised for 50 s each 200 s, never acknowledged: one alarm, whoever restarts.
     (row,) = store.alarms()
     assert (row["count"], row["chattering"]) == (10, True)
-    actions = ["RAISED", *["RETURNED", "RERAISED"] * 9, "RETURNED"]
-    assert [r["action"] for r in reversed(store.audit())] == actions
     with store.transaction() as t:
         t.transition(book.act(Action("acknowledge", 1, "ann"), WALL))
+    whole.act(Action("acknowledge", 1, "ann"), WALL)
     for seconds in (4000.0, 4000.0):
         look(seconds=seconds)
     assert [a["state"] for a in store.alarms()] == ["NORMAL"]
-    book = AlarmBook()
     book.restore(store.book())
     assert [t.alarm.id for t in look(LEAK, seconds=500.0)] == [2], "no id is given twice"
 
