@@ -102,11 +102,12 @@ def test_garbage_faults_of_fdd_and_retained_messages_are_counted_and_hold_up_not
     monkeypatch.setattr(Decoder, "decode", failing)
     # It has to be there before the source subscribes, or it would come as any other.
     sender.publish("rigs/A1", encode_json(a_block(99)), retain=True).wait_for_publish(60.0)
-    source = reading(version=version)
+    source, bad = (
+        reading(version=version),
+        (b"", b"garbage", b"fault", b"\xff\xff\xff\xff\x10", b'{"schema": 3}'),
+    )
     for k in range(450):  # more than may be on their way unacknowledged
-        sender.publish(
-            "rigs/A1", (b"", b"garbage", b"fault", b"\xff\xff\xff\xff\x10", b'{"schema": 3}')[k % 5]
-        )
+        sender.publish("rigs/A1", bad[k % 5])
     until(lambda: source.status()["refused"] == 450)
     assert source.status()["last_error"].startswith("topic rigs/A1: ")
     sender.publish("rigs/A1", b"fault")
