@@ -197,7 +197,7 @@ def check_files(config: Serve) -> None:
     folder.
     """
     require_writable(config.state, folder=True)
-    profiles = set() if config.fallback is None else {config.fallback}
+    profiles: set[str] = set() if config.fallback is None else {config.fallback}
     if isinstance(config.units, dict):
         profiles |= {*config.units.values()}
     elif config.units is not None:
