@@ -124,8 +124,8 @@ def ray_package() -> Any:
     return ray
 
 
-def connected(**given: Any) -> tuple[Any, bool]:
-    """The module ray, connected to a cluster, and whether that was done here; `given` is for `ray.init`.
+def connected() -> tuple[Any, bool]:
+    """The module ray, connected to a cluster, and whether that was done here.
 
     Raises
     ------
@@ -136,19 +136,14 @@ def connected(**given: Any) -> tuple[Any, bool]:
     if began:
         address = os.environ.get("RAY_ADDRESS")
         try:
-            ray.init(**{"logging_level": "ERROR", "log_to_driver": False, **given})
+            ray.init(logging_level="ERROR", log_to_driver=False)
         except (ConnectionError, ValueError) as error:
             raise InputError(f"cannot be reached ({error})", where=f"Ray at {address}") from None
     return ray, began
 
 
 def _task(folder: str, function: Callable[[Job], Result], job: Job) -> Result:
-    enter(folder)
-    return function(job)
-
-
-def enter(folder: str) -> None:
-    """Work in a folder, so that relative paths mean what they mean where the work was ordered.
+    """Work a job in a folder, so that relative paths mean what they mean where it was ordered.
 
     Raises
     ------
@@ -161,3 +156,4 @@ def enter(folder: str) -> None:
             f"cannot be worked in ({error.strerror})", where=folder,
             mend="Ray's machines need the same files under the same paths",
         ) from None  # fmt: skip
+    return function(job)

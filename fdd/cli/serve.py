@@ -35,7 +35,6 @@ def serve(
         bool, option("Watch three simulated axes, one of which begins to leak.", "--demo")
     ] = False,
     port: Annotated[int | None, option("Instead of the file's.", min=0, max=65535)] = None,
-    engine: options.EngineOption = "local",
     check: Annotated[bool, option("Read the file and all that it names, and end.", "--check")] = False,
     token: Annotated[
         str | None,
@@ -51,32 +50,21 @@ def serve(
     if (config is None) == (not demo):
         raise InputError("fdd serve needs a serve.yaml, or --demo", mend="see fdd schema serve for its keys")
     from fdd.service.config import Serve
-    from fdd.service.service import Service
+    from fdd.service.service import Service, check_files
 
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr)
     logging.getLogger("numexpr").setLevel(logging.WARNING)  # which tells its threads
     with ExitStack() as kept:
-        if demo:
-            settings = _demo(kept.enter_context(_demo_folder()))
-        else:
-            assert config is not None
-            settings = Serve.load(config)
+        settings = _demo(kept.enter_context(_demo_folder())) if config is None else Serve.load(config)
         if port is not None:
             listen = settings.listen.model_copy(update={"port": port})
             settings = settings.model_copy(update={"listen": listen})
-        if engine == "ray":
-            from fdd.service.profiles import Share
-            from fdd.service.shards import part_of
-
-            part_of(settings, Share(0, settings.shards))
         if check:
-            from fdd.service.watch import check as check_files
-
             check_files(settings)
             many = "1 source" if len(settings.sources) == 1 else f"{len(settings.sources)} sources"
             print(f"{config or 'demo'}: {many}, store {settings.store_url}")
             return
-        service = Service(settings, engine)
+        service = Service(settings)
         stop = threading.Event()
         with stopped_by_signals(stop):
             service.run(
@@ -163,20 +151,20 @@ def publish(
     from fdd.logs import read_log
     from fdd.monitor import pieces
     from fdd.service.blocks import axis_name
-    from fdd.service.publishing import Link, sendings
     from fdd.service.publishing import publish as send
+    from fdd.service.publishing import sendings
 
     broker = broker_of(mqtt, password_file, ca)
     if any(c in topic for c in "+#\0") or not topic:
         raise InputError(f"--topic {topic!r} is no topic to publish on", mend="leave + and # out")
-    link = Link(replay_speed(speed) or math.inf, jitter, loss, shuffle, seed)
+    link = replay_speed(speed) or math.inf, jitter, loss, shuffle, seed
     names = [axis_name(log.stem) for log in logs]
     if len(set(names)) < len(names):
         raise InputError("two logs of one name would be one axis", mend="rename one, or publish them apart")
     sent = []
     for name, path in zip(names, logs, strict=True):
         samples = read_log(path, map_, axis).samples
-        mine = sendings(name, samples, link)
+        mine = sendings(name, samples, *link)
         numbers = np.array([block.sequence for _, block in mine], dtype=np.int64)
         overtaken = int((numbers < np.maximum.accumulate(numbers)).sum())
         whole = sum(1 for _ in pieces(samples))

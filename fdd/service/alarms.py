@@ -134,11 +134,7 @@ class Action:
 
 
 class AlarmBook:
-    """All alarms of all axes that are not over.
-
-    Parameters
-    ----------
-    ids : (k, n): alarms are numbered k, k + n, k + 2 n and so on, so that n books share one store.
+    """All alarms of all axes that are not over, numbered from 1 on.
 
     Examples
     --------
@@ -151,9 +147,9 @@ class AlarmBook:
     'ACKED'
     """
 
-    def __init__(self, ids: tuple[int, int] = (1, 1)) -> None:
+    def __init__(self) -> None:
         self._alarms: dict[int, Alarm] = {}
-        self._next_id, self._step = ids
+        self._next_id = 1
 
     def alarms(self, axis: str | None = None) -> list[Alarm]:
         """Alarms of an axis, or of all, in the order of their ids; those that are normal for a while too."""
@@ -191,7 +187,7 @@ class AlarmBook:
                     time=time, seen=time, raised_time=time, raised_wall=wall, level=severity_level(finding),
                     priority=priority_of(finding), **_words(finding, finding.detected_s),
                 )  # fmt: skip
-                self._next_id += self._step
+                self._next_id += 1
                 out.append(self._moved("RAISED", alarm, "NORMAL", wall))
             else:
                 del mine[alarm.id]
@@ -295,8 +291,7 @@ class AlarmBook:
             if alarm["state"] not in STATES:  # of an earlier version: as a shelf whose time is over
                 alarm |= {"state": "SHELVED", "shelved_until": 0.0}
         self._alarms = {a["id"]: Alarm(**{**a, "reraised": tuple(a["reraised"])}) for a in kept}
-        # The first of its own numbers from there on.
-        self._next_id = state["next_id"] + (self._next_id - state["next_id"]) % self._step
+        self._next_id = state["next_id"]
 
     def _back(self, alarm: Alarm, who: str, note: str, wall: float) -> Transition:
         alarm = replace(alarm, shelved_by=None, shelved_until=None)

@@ -258,8 +258,10 @@ class AxisWatch:
 
     def _parts(self) -> dict[str, Any]:
         """What has a state of its own, by the prefix under which a checkpoint has it."""
-        learning = {} if self.learning is None else {"learning": self.learning}
-        return {"order": self.order, "pipeline": self.pipeline, **learning}
+        parts: dict[str, Any] = {"order|": self.order, "pipeline|": self.pipeline}
+        if self.learning is not None:
+            parts |= {"learning|bins:": self.learning.bins, "learning|history:": self.learning.history}
+        return parts
 
     def checkpoint(self, wall: float, sequence: int = 0) -> Checkpoint:
         """All that it takes to go on (wall: Unix seconds); while nothing `waits`."""
@@ -271,7 +273,7 @@ class AxisWatch:
             "axis": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)
         }
         for prefix, part in self._parts().items():
-            arrays |= {f"{prefix}|{k}": v for k, v in part.state().items()}
+            arrays |= {prefix + k: v for k, v in part.state().items()}
         time = float(np.nan_to_num(self.order.clock.last_time))
         shas = self.profile_sha256, self.model.sha256
         return Checkpoint(self.name, time, wall, sequence, *shas, VERSION, arrays)
@@ -289,9 +291,8 @@ class AxisWatch:
             if self._learnt is not None:
                 self._take_over(Unit.from_yaml(self._learnt, where=where))
             for prefix, part in self._parts().items():
-                part.restore({
-                    k.partition("|")[2]: v for k, v in kept.arrays.items() if k.startswith(f"{prefix}|")
-                })  # fmt: skip
+                mine = {k: v for k, v in kept.arrays.items() if k.startswith(prefix)}
+                part.restore({k.removeprefix(prefix): v for k, v in mine.items()})
         except (ValueError, KeyError, TypeError) as error:
             problem = f"its saved state is damaged ({type(error).__name__})"
             raise InputError(problem, where=where, mend=mend) from None

@@ -89,7 +89,6 @@ class Outputs(Part):
     metrics: bool = True
     mqtt: MqttOutput | None = None
     webhooks: tuple[Webhook, ...] = ()
-    jsonl: ConfigPath | None = None
     recording: Recording | None = None
 
 
@@ -134,7 +133,6 @@ class Serve(Part):
         where none is given.
     learn_minutes : of work by which the baseline of a profile without one is learnt.
     model : of the decision; the shipped one where none is given.
-    shards : into which the axes are divided with ``--engine ray``.
     tokens : file of lines ``NAME ROLE SHA256(TOKEN)``. Without it only this machine may be listened on.
 
     Examples
@@ -152,7 +150,6 @@ class Serve(Part):
     zone: str | dict[AxisName, str] | None = None
     learn_minutes: Annotated[float, Field(ge=5, le=10080)] = 60.0
     model: ConfigPath | None = None
-    shards: Annotated[int, Field(ge=1, le=256)] = 4
     listen: Listen = Listen()
     tokens: ConfigPath | None = None
     sources: Annotated[list[AnySource], Field(min_length=1)]

@@ -25,7 +25,7 @@ from fdd.service.bus import Bus, Event
 from fdd.service.config import Serve
 from fdd.service.inbox import MOST_TAKEN, Inbox
 from fdd.service.life import said_key, worked_key
-from fdd.service.profiles import Profiles, Share
+from fdd.service.profiles import profile_of
 from fdd.service.status import AxisDetail, AxisStatus, status_of
 from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
 from fdd.service.storing import Batch, Targets, Writer
@@ -55,7 +55,7 @@ class Fleet:
 
     Parameters
     ----------
-    config : the file. targets : of its outputs. share : the axes that are its own. clock : Unix seconds.
+    config : the file. targets : of its outputs. clock : Unix seconds.
 
     Attributes
     ----------
@@ -63,18 +63,18 @@ class Fleet:
     backlog : axes that are put off under overload.
     resumed : share of the journal that was worked again after a restart, 1 once it is done.
 
-    Raises InputError: a model or profile that cannot be used.
+    Raises InputError: a model that cannot be used.
     """
 
     def __init__(
-        self, config: Serve, store: Store, bus: Bus, targets: Targets | None = None, share: Share = Share(),
+        self, config: Serve, store: Store, bus: Bus, targets: Targets | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:  # fmt: skip
         self._config, self._store, self._bus, self._targets = config, store, bus, targets or {}
-        self._share, self._clock = share, clock
-        self._profiles, self._model = Profiles(config.units, config.fallback), Model.load(config.model)
+        self._clock = clock
+        self._model = Model.load(config.model)
         self.inbox = Inbox(config.limits.inbox_seconds, config.limits.inbox_bytes)
-        self._book = AlarmBook(ids=(share.number + 1, share.of))
+        self._book = AlarmBook()
         self._axes: dict[str, AxisWatch] = {}
         # Axes that send and cannot be watched: why, and how much of theirs was refused.
         self._refused: dict[str, AxisStatus] = {}
@@ -118,12 +118,10 @@ class Fleet:
             self.backlog.clear()
             self.writer.last_row.clear()
             self._refused.clear()
-            self._book.restore({**book, "alarms": [a for a in book["alarms"] if self._share.has(a["axis"])]})
+            self._book.restore(book)
         waiting, worked = max(1, self._store.journal_rows()), 0
         for row in self._store.axes():
             name = row["name"]
-            if not self._share.has(name):
-                continue
             # As its blocks say it, which is a file's name; the profile's own name may be another one.
             said = self._store.meta(said_key(name))
             said = row["unit"] if said is None else said or None
@@ -166,7 +164,7 @@ class Fleet:
                 t.audit(self._clock(), ITSELF, "STATE_DISCARDED", axis=watch.name, note=note)
 
     def _new(self, name: str, said: str | None) -> AxisWatch:
-        unit = self._profiles.find(name, said)
+        unit = profile_of(self._config, name, said)
         hold, learn_s = self._config.limits.hold, 60.0 * self._config.learn_minutes
         return AxisWatch(name, unit, self._model, hold, learn_s, self._bus)
 

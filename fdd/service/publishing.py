@@ -8,7 +8,6 @@ import socket
 import threading
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from paho.mqtt.reasoncodes import ReasonCode
@@ -23,34 +22,26 @@ ANSWER_S = 30.0
 """s that a broker has to take a connection, and each next block at the end."""
 
 
-@dataclass(frozen=True)
-class Link:
-    """What the way from a rig to its service does to blocks.
+def sendings(
+    axis: str, samples: Samples, speed: float = 1.0, jitter: float = 0.0, loss: float = 0.0, shuffle: int = 1,
+    seed: int = 0,
+) -> list[tuple[float, Block]]:  # fmt: skip
+    """When (s from the start) each block of a log is sent, in that order, without those that are lost.
 
-    Attributes
+    Parameters
     ----------
     speed : times real time, inf sends all at once. jitter : s that a block is held up at most, and those
         behind it. loss : share of blocks that never come. shuffle : so many neighbours come in any order.
     """
-
-    speed: float = 1.0
-    jitter: float = 0.0
-    loss: float = 0.0
-    shuffle: int = 1
-    seed: int = 0
-
-
-def sendings(axis: str, samples: Samples, link: Link) -> list[tuple[float, Block]]:
-    """When (s from the start) each block of a log is sent, in that order, without those that are lost."""
     # The name too: axes must not lose the same blocks.
-    rng = np.random.default_rng([link.seed, zlib.crc32(axis.encode())])
+    rng = np.random.default_rng([seed, zlib.crc32(axis.encode())])
     blocks = [Block(axis, part, number, "", 0.0) for number, part in enumerate(pieces(samples))]
     numbers = np.arange(len(blocks))
-    order = np.lexsort((rng.random(numbers.size), numbers // link.shuffle))
+    order = np.lexsort((rng.random(numbers.size), numbers // shuffle))
     ends = np.array([blocks[k].samples.time[-1] - samples.time[0] for k in order])
     # A connection keeps its order: what is held up holds up the blocks behind it.
-    due = np.maximum.accumulate(ends / link.speed + rng.uniform(0.0, link.jitter, numbers.size))
-    comes = rng.random(numbers.size) >= link.loss
+    due = np.maximum.accumulate(ends / speed + rng.uniform(0.0, jitter, numbers.size))
+    comes = rng.random(numbers.size) >= loss
     return [(float(due[k]), blocks[n]) for k, n in enumerate(order) if comes[k]]
 
 

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import logging
 import re
+import ssl
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
-from fdd.engines import Engine
+from fdd.bounds import MOST_AXES
+from fdd.diagnosis.model import Model
 from fdd.errors import InputError
+from fdd.files import require_writable
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
+from fdd.service.config_sources import read_secret
+from fdd.service.fleet import Fleet
 from fdd.service.http.app import Server
 from fdd.service.http.tokens import Tokens
 from fdd.service.outputs.metrics import Metrics
 from fdd.service.outputs.targets import Outputs
-from fdd.service.shards import Shards
+from fdd.service.sources import open_source
 from fdd.service.store import Store, StoreTrouble
-from fdd.service.watch import Watch, check
+from fdd.unit import Unit
 
 LOG = logging.getLogger("fdd.service")
 COMPACT_S = 3600.0
@@ -29,6 +35,8 @@ STOP_S = 20.0
 LOOK_S = 5.0
 AGAIN_S = 5.0
 """Before a server that is away at the start is tried again."""
+GC_THRESHOLD = 50_000
+"""Python's own is 700: waiting blocks of a hundred axes would start the garbage collector all the time."""
 
 
 class Service:
@@ -36,7 +44,7 @@ class Service:
 
     Parameters
     ----------
-    config : the file. engine : ``ray`` watches the axes in shards on many machines.
+    config : the file.
 
     Attributes
     ----------
@@ -46,34 +54,40 @@ class Service:
     Raises InputError: a profile, a port, a file or the store that cannot be used.
     """
 
-    def __init__(self, config: Serve, engine: Engine = "local") -> None:
-        check(config)
+    def __init__(self, config: Serve) -> None:
+        check_files(config)
         self.config = config
         self._failure: Exception | None = None
         self._known: set[str] = set()
         self._alone = _only_one(config.state)
         self.store, self.bus = _opened(config.store_url), Bus()
-        # With Ray each shard records by itself: the samples are there.
-        ray = engine == "ray"
-        outputs = config.outputs.model_copy(update={"recording": None}) if ray else config.outputs
-        self._outputs = Outputs(outputs, self.store, self.bus)
-        watching: type[Watch | Shards] = Shards if ray else Watch
-        self.fleet = watching(config, self.store, self.bus, self._outputs.targets)
+        self.outputs = Outputs(config.outputs, self.store, self.bus)
+        self.fleet = Fleet(config, self.store, self.bus, self.outputs.targets)
+        self._sources = [open_source(source) for source in config.sources]
         self.tokens = None if config.tokens is None else Tokens.load(config.tokens)
-        self.metrics = Metrics(self.fleet, self.store, self._outputs)
+        self.metrics = Metrics(self)
         self._server = Server(self)
         self.address = self._server.address
 
     def health(self) -> dict[str, Any]:
         """Whether it can do its work, and what hinders it."""
-        told = {name: status.get("last_error") for name, status in self._outputs.status().items()}
-        problems = self.fleet.problems() + [f"output {n}: {error}" for n, error in told.items() if error]
+        problems, sources = self.fleet.problems(), self.sources()
+        for name, status in sources.items():
+            if status["refused_lately"]:
+                problems.append(f"source {name} refused messages: {status['refused_lately']}")
+            if not status["connected"]:
+                why = f": {status['last_error']}" if status["last_error"] else ""
+                problems.append(f"source {name} is not connected{why}")
+        told = {name: status.get("last_error") for name, status in self.outputs.status().items()}
+        problems += [f"output {name}: {error}" for name, error in told.items() if error]
         return {
-            "status": "degraded" if problems else "ok",
-            "problems": problems,
-            "axes": self.fleet.count,
-            "sources": self.fleet.sources(),
-        }
+            "status": "degraded" if problems else "ok", "problems": problems, "axes": self.fleet.count,
+            "sources": sources,
+        }  # fmt: skip
+
+    def sources(self) -> dict[str, dict[str, Any]]:
+        """How each source stands, by name."""
+        return {status["name"]: status for status in (source.status() for source in self._sources)}
 
     def run(self, stop: threading.Event, began: Callable[[], None] = lambda: None) -> None:
         """Work until `stop` is set, then keep everything.
@@ -85,15 +99,11 @@ class Service:
         Raises Exception: what ended the fleet's thread: a source that cannot even begin, another service that
         has taken over, or a fault of fdd. Whoever started it sees a status that is not 0.
         """
-        worker = threading.Thread(target=self._work, args=(stop,), name="fleet", daemon=True)
-        self._outputs.start(stop)
+        worker = threading.Thread(target=self._work, args=(stop, began), name="fleet", daemon=True)
+        self.outputs.start(stop)
         self._server.start()
         worker.start()
         try:
-            while worker.is_alive() and not self.fleet.began.wait(0.05):
-                pass
-            if self.fleet.began.is_set():
-                began()
             compacted = time.monotonic()
             while not stop.wait(LOOK_S):
                 self._log_problems()
@@ -108,7 +118,7 @@ class Service:
             stop.set()
             self._server.stop()
             worker.join(STOP_S)
-            self._outputs.join(STOP_S)
+            self.outputs.join(STOP_S)
             self.store.close()
             self._alone.close()
         if self._failure is not None:
@@ -124,14 +134,23 @@ class Service:
             LOG.info("all well again")
         self._known = set(found)
 
-    def _work(self, stop: threading.Event) -> None:
+    def _work(self, stop: threading.Event, began: Callable[[], None]) -> None:
+        """Start the sources and work what they bring; `run` raises what ends it."""
+        ended = threading.Event()
+        gc.freeze()  # what was imported stays
+        gc.set_threshold(GC_THRESHOLD)
         try:
+            for source in self._sources:
+                source.start(self.fleet.inbox.put, ended)
+            began()
             self.fleet.run(stop)
         except Exception as error:
             if not isinstance(error, InputError):
                 LOG.exception("the fleet's thread ended")
             self._failure = error
         finally:
+            self.fleet.inbox.close()
+            ended.set()
             stop.set()
 
 
@@ -143,7 +162,7 @@ def _opened(url: str) -> Store:
     while True:
         try:
             store = Store(url)
-            store.claim("serve")
+            store.claim()
         except StoreTrouble as error:
             if url.startswith("sqlite"):
                 raise
@@ -169,3 +188,42 @@ def _only_one(state: Path) -> IO[bytes]:
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=state) from None
     return lock
+
+
+def check_files(config: Serve) -> None:
+    """Open all files that the configuration names, and make none.
+
+    Raises InputError: the first one that cannot be used: a profile, model, map, log, secret, certificate or
+    folder.
+    """
+    require_writable(config.state, folder=True)
+    profiles: set[str] = set() if config.fallback is None else {config.fallback}
+    if isinstance(config.units, dict):
+        profiles |= {*config.units.values()}
+    elif config.units is not None:
+        if not config.units.is_dir():
+            raise InputError("no such folder", where=config.units, mend="make it, or correct units")
+        profiles |= {str(path) for path in sorted(config.units.glob("*.yaml"))[:MOST_AXES]}
+    for profile in sorted(profiles):
+        Unit.load(profile)
+    Model.load(config.model)
+    if config.tokens is not None:
+        Tokens.load(config.tokens)
+    if config.listen.tls is not None:
+        tls = config.listen.tls
+        try:
+            ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(tls.cert, tls.key)
+        except OSError as error:  # ssl's own errors are OSErrors
+            raise InputError(
+                f"cannot be used for TLS ({error.strerror or error})", where=f"{tls.cert}, {tls.key}"
+            ) from None
+    for source in config.sources:
+        open_source(source).check()
+    outputs = config.outputs
+    if outputs.mqtt is not None:
+        outputs.mqtt.client("check")
+    for hook in outputs.webhooks:
+        if hook.secret_file is not None:
+            read_secret(hook.secret_file)
+    if outputs.recording is not None:
+        require_writable(outputs.recording.folder, folder=True)

@@ -8,7 +8,6 @@ import subprocess
 import tempfile
 import time
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import pytest
@@ -26,16 +25,15 @@ TOLD = ("Runtime.exceptionThrown", "Log.entryAdded", "Page.javascriptDialogOpeni
 class Browser:
     """One page in one Chromium."""
 
-    def __init__(self, width: int = 1280, height: int = 900) -> None:
+    def __init__(self) -> None:
         if CHROMIUM is None:
             pytest.skip("no Chromium on this machine")
         connect = pytest.importorskip("websockets.sync.client", reason="needs websockets").connect
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         self._process = subprocess.Popen(
             [CHROMIUM, *FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
         told = Path(self._folder.name) / "DevToolsActivePort"
         until = time.monotonic() + 60
         while not (told.exists() and told.read_text().count("\n")):
@@ -49,15 +47,14 @@ class Browser:
         self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
-        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.size()
+
+    def size(self, width: int = 1280) -> None:
+        """Make the window so wide; below 600 as a phone."""
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
         self.call("Emulation.setDeviceMetricsOverride", **size)
 
-    def __enter__(self) -> Browser:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         self._line.close()
         self._process.terminate()
         self._process.wait(20)
@@ -101,11 +98,8 @@ class Browser:
 
     def press(self, key: str) -> None:
         text, code = KEYS.get(key, (key, ord(key[0].upper())))
-        named = {
-            "key": key,
-            "windowsVirtualKeyCode": code,
-            "code": key if key in KEYS else f"Key{key.upper()}",
-        }
+        name = key if key in KEYS else f"Key{key.upper()}"
+        named = {"key": key, "windowsVirtualKeyCode": code, "code": name}
         self.call("Input.dispatchKeyEvent", type="keyDown", text=text, **named)
         self.call("Input.dispatchKeyEvent", type="keyUp", **named)
 

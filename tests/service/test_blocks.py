@@ -73,6 +73,13 @@ json_values = st.recursive(
 )
 
 
+block_columns = st.dictionaries(st.sampled_from(["position", "x"]), json_values, max_size=2)
+block_times = st.fixed_dictionaries(dict.fromkeys(("start", "period", "n"), json_values)) | json_values
+any_messages = st.fixed_dictionaries(
+    {}, optional=dict.fromkeys(GOOD, json_values) | {"columns": block_columns, "time": block_times}
+)
+
+
 def block_or_refusal(payload: bytes) -> None:
     try:
         found = decode(payload)
@@ -95,15 +102,8 @@ def test_damaged_messages_are_a_block_or_refused(data: st.DataObject) -> None:
 
 
 @settings(max_examples=300)
-@given(data=st.data())
-def test_any_json_is_a_block_or_refused(data: st.DataObject) -> None:
-    inner = st.dictionaries(st.sampled_from(["position", "x"]), json_values, max_size=2)
-    time = st.fixed_dictionaries({"start": json_values, "period": json_values, "n": json_values})
-    changed = data.draw(
-        st.fixed_dictionaries(
-            {}, optional=dict.fromkeys(GOOD, json_values) | {"columns": inner, "time": time | json_values}
-        )
-    )
+@given(changed=any_messages)
+def test_any_json_is_a_block_or_refused(changed: dict[str, object]) -> None:
     block_or_refusal(json.dumps({**GOOD, **changed}).encode(errors="replace"))
 
 

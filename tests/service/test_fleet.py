@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from stores import postgres_url
-from watched import RECEIVED, ROWS, blocks_of, fleet_of, leaking, made, send, working
+from watched import RECEIVED, ROWS, blocks_of, disordered, fleet_of, leaking, made, send, working
 
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -80,31 +80,8 @@ def test_live_is_what_the_pipeline_says_of_the_whole(lags: bool, store: Store, l
     assert status.quality["repeated"] > 0 and status.quality["reordered"] > 0
 
 
-@pytest.mark.parametrize("every", [0.0, 1.0])
-def test_it_goes_on_from_its_checkpoint_and_journal(
-    every: float, store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("fdd.service.storing.CHECKPOINT_S", every)
-    monkeypatch.setattr("fdd.service.storing.CHECKPOINT_AXIS_S", 0.0)
-    blocks = blocks_of(log)
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks[:252])
-    assert store.checkpoint("A1") is not None and store.journal("A1"), "some of it is in the journal alone"
-    again, inbox, bus = fleet_of(store)
-    heard = bus.subscribe(["finding"])
-    assert [s.samples for s in again.axes()] == [25_000]
-    send(again, inbox, blocks[240:])  # a sender that was not answered sends again
-    again.keep()
-    assert again.axes()[0].samples == len(log)
-    assert heard.get() is not None and heard.get() is None
-    assert len(store.findings()) == 1
-    third, _, bus = fleet_of(store)
-    assert third.axes()[0].state == "unacknowledged" and len(store.findings()) == 1
-
-
-@pytest.mark.parametrize("restarts", [False, True])
-def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice(
-    restarts: bool, store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
+def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice_over_restarts_too(
+    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     due = list[list[str]]()
     monkeypatch.setattr(Backlog, "is_due", lambda self, now: True)
@@ -120,7 +97,8 @@ def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice(
             assert behind.lag_s == pytest.approx(7.0, abs=1.0) and not behind.silent
             assert "overloaded: 7 s behind" in behind.headline
             assert "overloaded: 1 of 2 axes are followed" in fleet.problems()[0]
-        if n == 400 and restarts:
+        if n == 400:
+            assert store.checkpoint("A1") is not None and store.journal("A2"), "some is in the journal alone"
             fleet, inbox, _ = fleet_of(store)
         if n in (400, 550):
             while fleet.catch_up():
@@ -130,11 +108,15 @@ def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice(
     said = told(store)
     assert len(said["A1"]) == 3 and said["A1"] == said["A2"]
     assert [s.samples for s in fleet.axes()] == [len(log)] * 2
+    again, _, _ = fleet_of(store)
+    assert {s.state for s in again.axes()} == {"unacknowledged"} and told(store) == said
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
-def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(kind: str, tmp_path: Path) -> None:
+def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(
+    kind: str, store: Store, tmp_path: Path
+) -> None:
     """While it starts, works, waits for a block before another one, is put off or catches up; FDD_TEST_KILLS
     sets how often."""
     log = leaking(24.0, 8.0)
@@ -146,9 +128,10 @@ def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(kind: str, 
         given = [*program, url, str(tmp_path / "log.npz"), str(seed)]
         return subprocess.Popen(given, stdout=subprocess.PIPE, text=True, env=os.environ | source)
 
-    undisturbed = f"sqlite:///{tmp_path}/whole.db"
-    assert run(undisturbed, 0).communicate(timeout=300)[0].split()[-1] == "done"
-    whole = told(Store(undisturbed))
+    undisturbed, inbox, _ = fleet_of(store)
+    send(undisturbed, inbox, disordered(log))
+    undisturbed.keep()
+    whole = told(store)
     assert len(whole["A1"]) == 3 and whole["A1"] == whole["A2"]
     rng, kills, lives = random.Random(7), 0, 0
     while kills < KILLS:
@@ -169,8 +152,8 @@ def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(kind: str, 
             kills += lines[-1] != "done"
             for axis, number in (x.split() for x in lines if x.startswith("A") and x[-1].isdigit()):
                 accepted[axis].add(int(number))
-            store = Store(url)
-            fleet, _, _ = fleet_of(store)
+            kept = Store(url)
+            fleet, _, _ = fleet_of(kept)
             while fleet.catch_up():
                 pass
             fleet.keep()
@@ -178,7 +161,7 @@ def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(kind: str, 
             for axis, blocks in accepted.items():
                 first = next(k for k in count() if k not in blocks)  # those after it wait for this one
                 assert samples.get(axis, 0) >= min(ROWS * first, len(log)), "what was accepted is there"
-            store.close()
+            kept.close()
         assert told(Store(url)) == whole
 
 
@@ -197,47 +180,34 @@ def test_what_people_do_is_stored_before_they_are_answered(store: Store, log: Sa
             fleet.act(Action("acknowledge", 99, "ann"))
 
 
-def test_a_store_that_fails_is_tried_again_and_nothing_accepted_meanwhile(
-    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    answered: list[int] = []
-    fleet, inbox, _ = fleet_of(store)
-    blocks = [replace(b, accepted=lambda k=k: answered.append(k)) for k, b in enumerate(blocks_of(log))]
-    send(fleet, inbox, blocks[:20])
-    plain, failures = Store.transaction, iter(range(3))
-
-    def failing(self: Store) -> Any:
-        if next(failures, None) is not None:
-            assert len(answered) == 20 and fleet.writer.errors < 3
-            raise StoreTrouble("full", where=self.where)
-        return plain(self)
-
-    monkeypatch.setattr(Store, "transaction", failing)
-    send(fleet, inbox, blocks[20:40])
-    assert answered == list(range(40)) and fleet.writer.errors == 3 and fleet.writer.trouble is None
-    monkeypatch.undo()
-    again, _, _ = fleet_of(store)
-    assert again.axes()[0].samples == 4000
-
-
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
-def test_a_store_whose_answer_is_lost_has_nothing_twice(
+def test_a_store_that_fails_or_whose_answer_is_lost_is_tried_again_and_has_nothing_twice(
     kind: str, log: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A server that ends, or a cable that is pulled, after it committed and before it said so."""
-    plain = Store.transaction
+    """A disk that is full; a server that ends, or a cable that is pulled, after it committed and before it
+    said so. Meanwhile nothing is accepted."""
+    plain, answered, sending = Store.transaction, list[int](), [0]
 
     @contextmanager
-    def unanswered(self: Store) -> Iterator[Any]:
+    def failing(self: Store) -> Iterator[Any]:
+        number = next(tries)
+        assert len(answered) == sending[0]
+        if number % 5 == 0:
+            raise StoreTrouble("full", where=self.where)
         with plain(self) as t:
             yield t
-        if next(tries) % 3 == 0:
+        if number % 3 == 0:
             raise StoreTrouble("answers no more", where=self.where)
 
     def worked(url: str) -> tuple[Any, ...]:
         store = Store(url)
         fleet, inbox, _ = fleet_of(store, targets={(kind, True): ["there"] for kind in ("alarm", "finding")})
-        send(fleet, inbox, blocks_of(log)[:370])
+        answered.clear()
+        for k, block in enumerate(blocks_of(log)[:370]):
+            sending[0] = k
+            send(fleet, inbox, [replace(block, accepted=lambda k=k: answered.append(k))])
+        sending[0] = 370
+        assert answered == list(range(370)) and fleet.writer.trouble is None
         fleet.keep()
         sums = [r["n"] for r in store.rollups("A1", "leakage", "minute")]
         sent = [(p.kind, p.body["axis"] if p.kind == "finding" else "") for p in store.outbox(99, "there")]
@@ -245,7 +215,7 @@ def test_a_store_whose_answer_is_lost_has_nothing_twice(
 
     whole = worked(f"sqlite:///{tmp_path / 'whole.db'}")
     tries = count()
-    monkeypatch.setattr(Store, "transaction", unanswered)
+    monkeypatch.setattr(Store, "transaction", failing)
     again = worked(f"sqlite:///{tmp_path / 'again.db'}" if kind == "sqlite" else postgres_url())
     assert again[-1].writer.errors > 100 and len(whole[0]["A1"]) == 3, "else this shows nothing"
     assert again[:-1] == whole[:-1]

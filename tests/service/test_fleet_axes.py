@@ -138,19 +138,17 @@ def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples) -> N
 
 
 @pytest.mark.slow
-def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store) -> None:
-    from fdd.plant.scenario import Scenario
-    from fdd.plant.simulate import simulate
-
-    scenario = Scenario(duration=70.0, load={"name": "spring"}, seed=9)
-    healthy = simulate(Unit.load("axis_a"), scenario).samples
-    fleet, inbox, _ = fleet_of(store, learn_minutes=0.5)
-    send(fleet, inbox, blocks_of(healthy)[:200])
+def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store, log: Samples) -> None:
+    healthy = blocks_of(log)[:290]
+    fleet, inbox, _ = fleet_of(store, learn_minutes=0.25)
+    send(fleet, inbox, healthy[:100])
     assert fleet.axes()[0].state == "silent" and fleet._axes["A1"].unit.baseline is None
-    send(fleet, inbox, blocks_of(healthy)[200:])
     fleet.keep()
-    assert fleet._axes["A1"].unit.baseline is not None, "learnt"
-    again, _, _ = fleet_of(store, learn_minutes=0.5)
+    fleet, inbox, _ = fleet_of(store, learn_minutes=0.25)
+    send(fleet, inbox, healthy[100:])
+    fleet.keep()
+    assert fleet._axes["A1"].unit.baseline is not None, "learnt, over a restart too"
+    again, _, _ = fleet_of(store, learn_minutes=0.25)
     assert again._axes["A1"].unit.to_yaml() == fleet._axes["A1"].unit.to_yaml(), "and not forgotten"
     assert not store.alarms()
 

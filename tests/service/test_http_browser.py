@@ -28,11 +28,21 @@ def server(world: World) -> Iterator[Server]:
         yield made
 
 
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    """One for all tests, as it takes seconds to start."""
+    made = Browser()
+    yield made
+    made.close()
+
+
 @pytest.fixture
-def browser() -> Iterator[Browser]:
-    with Browser() as made:
-        yield made
-        assert made.said == [], "errors in the page"
+def browser(chromium: Browser) -> Iterator[Browser]:
+    chromium.open("about:blank")
+    chromium.wait("location.href === 'about:blank'")
+    chromium.said.clear()  # of a server that was ended
+    yield chromium
+    assert chromium.said == [], "errors in the page"
 
 
 def text(selector: str) -> str:
@@ -110,12 +120,17 @@ def test_each_page_says_what_is_so_and_in_whose_time(browser: Browser, server: S
 VIEWS = ("", "#/alarms", "#/axis/F7%2Faileron-R", "#/history")
 
 
-def test_everything_is_reached_by_tab_and_shows_the_focus(browser: Browser, server: Server) -> None:
+def test_everything_fits_the_window_is_reached_by_tab_and_shows_the_focus(
+    browser: Browser, server: Server
+) -> None:
     for view in VIEWS:
         browser.open("about:blank")
         browser.open(f"{server.address}{view}")
         browser.wait("document.querySelector('main h1')")
         time.sleep(1.0)
+        for width in (390, 1280):
+            browser.size(width)
+            browser.wait(f"document.documentElement.scrollWidth <= {width}")
         reached = "a[href], button, input, select, [tabindex='0']"
         wanted = browser.run(f"""[...document.querySelectorAll("{reached}")]
             .filter((e) => e.checkVisibility() && !e.disabled).length""")
@@ -128,16 +143,6 @@ def test_everything_is_reached_by_tab_and_shows_the_focus(browser: Browser, serv
             assert at[1] != "none", at
             seen.add(at[0])
         assert len(seen) == wanted, view
-
-
-@pytest.mark.parametrize("width", [390, 1280])
-def test_nothing_is_wider_than_the_window(server: Server, width: int) -> None:
-    with Browser(width, 844) as browser:
-        for view in VIEWS:
-            browser.open(f"{server.address}{view}")
-            browser.wait("document.querySelector('main h1')")
-            time.sleep(1.0)
-            assert browser.run("document.documentElement.scrollWidth") <= width
 
 
 def test_markup_in_names_and_notes_runs_nothing(browser: Browser, server: Server, world: World) -> None:

@@ -33,7 +33,7 @@ def test_blocks_come_out_oldest_first_and_in_turn() -> None:
     assert inbox.take(0.0) == []
 
 
-def test_an_axis_that_lags_loses_its_oldest_and_no_other() -> None:
+def test_the_axis_that_lags_loses_its_oldest_and_no_other() -> None:
     inbox, told = Inbox(most_seconds=3.0), []
     for number in range(8):
         inbox.put(block("slow", number, accepted=lambda n=number: told.append(n)))
@@ -45,6 +45,14 @@ def test_an_axis_that_lags_loses_its_oldest_and_no_other() -> None:
     assert [b.sequence for b in inbox.take(0.0) if b.axis == "slow"] == [5, 6, 7]
     assert told == [], "what is not stored is not acknowledged"
     assert inbox.counters("slow")["lag_s"] == 0.0
+    one = block("x", 0)
+    inbox = Inbox(most_bytes=6 * (one.nbytes + 1000))
+    for number in range(2):
+        inbox.put(block("short", number, seconds=0.1))
+    for number in range(6):
+        inbox.put(block("long", number))
+    assert inbox.counters("short")["dropped_samples"] == 0
+    assert inbox.counters("long")["dropped_samples"] == 2 * len(one.samples)
 
 
 def test_a_patient_sender_waits_for_room_and_loses_nothing() -> None:
@@ -75,17 +83,6 @@ def test_a_closed_inbox_holds_no_sender_and_takes_nothing_from_it() -> None:
     inbox.close()
     sender.join(5.0)
     assert not sender.is_alive() and len(inbox.take(0.0)) == 1 and told == []
-
-
-def test_beyond_the_bytes_the_axis_that_lags_most_loses() -> None:
-    one = block("x", 0)
-    inbox = Inbox(most_bytes=6 * (one.nbytes + 1000))
-    for number in range(2):
-        inbox.put(block("short", number, seconds=0.1))
-    for number in range(6):
-        inbox.put(block("long", number))
-    assert inbox.counters("short")["dropped_samples"] == 0
-    assert inbox.counters("long")["dropped_samples"] == 2 * len(one.samples)
 
 
 def test_more_axes_than_a_service_watches_are_refused() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from itertools import pairwise
@@ -10,13 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from fdd.errors import InputError
-from fdd.logs import read_log
-from fdd.samples import Samples
 from fdd.service import config
 from fdd.service.bus import Bus, Event
 from fdd.service.outputs import delivery
@@ -24,7 +20,7 @@ from fdd.service.outputs.delivery import LONGEST_WAIT_S, MOST_ATTEMPTS, Target, 
 from fdd.service.outputs.targets import Outputs, Webhook
 from fdd.service.store import OutboxMessage, Store
 from reports.service import free_port
-from tests.service.senders import finding, measured, sent, transition, until
+from tests.service.senders import finding, sent, transition, until
 
 SLOW, QUICK = "http://slow.example/in", "http://quick.example/in"
 
@@ -38,7 +34,7 @@ def hook(url: str, *kinds: Any, secret_file: Path | None = None) -> config.Webho
 
 
 def test_one_that_hangs_or_is_away_holds_up_no_other(
-    store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
+    store: Store, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hang = threading.Event()
     quick, slow = (Webhook(hook(url), store).name for url in (QUICK, SLOW))
@@ -48,18 +44,20 @@ def test_one_that_hangs_or_is_away_holds_up_no_other(
             raise Undelivered("too slow")
 
     monkeypatch.setattr(Webhook, "deliver", deliver)
-    bus, path, away = Bus(), tmp_path / "events.jsonl", {"host": "127.0.0.1", "port": free_port()}
-    made = made_of(store, bus, jsonl=path, mqtt=away, webhooks=(hook(SLOW, "alarm"), hook(QUICK)))
-    assert sorted(made.targets["alarm", True]) == sorted(["jsonl", "mqtt", slow, quick])
-    assert sorted(made.targets["finding", True]) == sorted(["jsonl", "mqtt", quick])
+    bus, away = Bus(), {"host": "127.0.0.1", "port": free_port()}
+    made = made_of(store, bus, mqtt=away, webhooks=(hook(SLOW, "alarm"), hook(QUICK)))
+    assert sorted(made.targets["alarm", True]) == sorted(["mqtt", slow, quick])
+    assert sorted(made.targets["finding", True]) == sorted(["mqtt", quick])
     assert not {slow, quick} & set(made.targets["alarm", False]), "of chatter people hear nothing"
     made.start(stop)
     begun = time.monotonic()
     for target in made.targets["alarm", True]:
         sent(store, "alarm", transition(), target)
     until(lambda: len(bus._subscriptions) >= 3)
+    for subscription in bus._subscriptions:
+        subscription.lost = 7
     bus.publish(Event("alarm", "A1", 1.0, transition()))
-    until(lambda: made.status()[quick]["delivered"] == made.status()["jsonl"]["delivered"] == 1)
+    until(lambda: made.status()[quick]["delivered"] == 1 and made.status()[quick]["lost"] == 7)
     assert time.monotonic() - begun < 10 and made.status()[slow]["delivered"] == 0
     until(lambda: made.status()["mqtt"]["failed"])
     assert made.status()["mqtt"]["last_error"] and not made.status()["mqtt"]["connected"]
@@ -72,12 +70,13 @@ def test_one_that_hangs_or_is_away_holds_up_no_other(
 
 
 def test_a_store_in_trouble_is_waited_for(
-    store: Store, tmp_path: Path, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
+    store: Store, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    taken: list[OutboxMessage] = []
+    monkeypatch.setattr(Webhook, "deliver", lambda self, message: taken.append(message))
     monkeypatch.setattr(delivery, "TROUBLE_S", 0.05)
-    path = tmp_path / "events.jsonl"
-    made = made_of(store, Bus(), jsonl=path)
-    sent(store, "finding", {"axis": "A1", **finding()}, "jsonl")
+    made, name = made_of(store, Bus(), webhooks=(hook(QUICK),)), Webhook(hook(QUICK), store).name
+    sent(store, "finding", {"axis": "A1", **finding()}, name)
 
     def locked(limit: int, target: str) -> Any:
         raise OSError("the database is locked")
@@ -85,43 +84,9 @@ def test_a_store_in_trouble_is_waited_for(
     with monkeypatch.context() as trouble:
         trouble.setattr(store, "outbox", locked)
         made.start(stop)
-        until(lambda: "locked" in made.status()["jsonl"]["last_error"])
-    until(lambda: made.status()["jsonl"]["delivered"] and not made.status()["jsonl"]["last_error"])
-    assert json.loads(path.read_text("utf-8"))["data"]["fault"] == "pump_wear"
-
-
-def test_live_states_that_cannot_be_written_are_counted(
-    store: Store, tmp_path: Path, stop: threading.Event
-) -> None:
-    bus, path = Bus(), tmp_path / "events.jsonl"
-    made = made_of(store, bus, jsonl=path)
-    made.start(stop)
-    until(lambda: bus._subscriptions)
-    bus.publish(Event("status", "A1", 1.0, {"state": "healthy"}))
-    until(lambda: path.exists() and json.loads(path.read_text("utf-8"))["axis"] == "A1")
-    path.rename(tmp_path / "away")
-    path.mkdir()
-    next(iter(bus._subscriptions)).lost = 7
-    bus.publish(Event("status", "A2", 1.0, {"state": "healthy"}))
-    until(lambda: made.status()["jsonl"]["lost"] == 8)
-
-
-def test_the_recorder_takes_samples(store: Store, tmp_path: Path, stop: threading.Event) -> None:
-    bus = Bus()
-    made = made_of(store, bus, recording=config.Recording(folder=tmp_path / "rec", before=10.0, after=10.0))
-    assert made.targets["alarm", True] == []
-    made.start(stop)
-    time_ = np.arange(500) * 0.01
-    sizes = {"position": 0.02, "pump_angle": 40.0, "pressure_difference": 1e6}
-    columns = {name: size * np.sin(time_) for name, size in sizes.items()}
-    bus.publish(measured("A1", Samples(time_, columns)))
-    bus.publish(Event("alarm", "A1", 5.0, transition()))
-    until(lambda: made.status()["recording"]["running"] == 1)
-    stop.set()
-    made.join(10)
-    assert made.status()["recording"]["files"] == 1
-    [path] = (tmp_path / "rec").glob("A1_*.mcap")
-    assert read_log(path).samples.duration == pytest.approx(4.99, abs=1e-6), "a stop leaves what there is"
+        until(lambda: "locked" in made.status()[name]["last_error"])
+    until(lambda: made.status()[name]["delivered"] and not made.status()[name]["last_error"])
+    assert [message.body["fault"] for message in taken] == ["pump_wear"]
 
 
 def test_addresses_topics_and_secrets_that_cannot_be_used(store: Store, tmp_path: Path) -> None:
@@ -147,8 +112,6 @@ def test_addresses_topics_and_secrets_that_cannot_be_used(store: Store, tmp_path
     for files in ({"ca": path}, {"cert": path, "key": path}, {"ca": tmp_path / "none"}):
         with pytest.raises(InputError, match="TLS cannot be set up"):
             made_of(store, Bus(), mqtt={"host": "a", "tls": files})
-    with pytest.raises(InputError, match="no such folder"):
-        made_of(store, Bus(), jsonl=tmp_path / "none" / "x.jsonl")
 
 
 @pytest.fixture

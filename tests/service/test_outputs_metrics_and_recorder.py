@@ -56,9 +56,10 @@ def axis(name: str = "A1", **given: Any) -> AxisStatus:
 
 
 def metrics_of(*axes: AxisStatus, alarms: Any = lambda states: ()) -> Metrics:
-    fleet = SimpleNamespace(axes=lambda: axes, sources=lambda: SOURCES, store_errors=2.0)
-    outputs = SimpleNamespace(status=lambda: OUTPUTS)
-    return Metrics(fleet, SimpleNamespace(alarms=alarms), outputs)  # type: ignore[arg-type]
+    fleet = SimpleNamespace(axes=lambda: axes, writer=SimpleNamespace(errors=2.0))
+    store, outputs = SimpleNamespace(alarms=alarms), SimpleNamespace(status=lambda: OUTPUTS)
+    service = SimpleNamespace(fleet=fleet, store=store, outputs=outputs, sources=lambda: SOURCES)
+    return Metrics(service)  # type: ignore[arg-type]
 
 
 def families(*axes: AxisStatus, alarms: Any = lambda states: [transition()["alarm"]]) -> list[Any]:
@@ -74,38 +75,35 @@ def scraped(*axes: AxisStatus, alarms: Any = lambda states: ()) -> dict[tuple[st
     }
 
 
-def test_values_arrive() -> None:
+def test_values_arrive_and_what_is_not_known_is_not_told() -> None:
     found = scraped(axis())
-    assert found["fdd_samples_total", "A1"] == 60000
-    assert found["fdd_dropped_samples_total", "A1"] == 3
-    assert found["fdd_block_lag_seconds", "A1"] == 0.3
-    assert found["fdd_axis_up", "A1"] == 1
-    assert found["fdd_axis_state", "A1", "healthy"] == 1 and found["fdd_axis_state", "A1", "silent"] == 0
-    assert found["fdd_leakage_cubic_meters_per_pascal_second", "A1"] == 9.8e-12
-    assert found["fdd_bulk_modulus_stddev_pascals", "A1"] == 2e7
-    assert found["fdd_estimate_observable", "A1", "bulk_modulus"] == 0
-    assert found["fdd_fault_probability", "A1", "leakage"] == 0.1
-    assert found["fdd_store_errors_total",] == 2
-    assert found["fdd_output_failures_total", "mqtt"] == 2
-    assert found["fdd_source_connected", "mqtt"] == 1 and found["fdd_source_blocks_total", "mqtt"] == 9
-    assert (
-        found["fdd_source_refused_total", "mqtt"] == 2 and found["fdd_source_reconnects_total", "mqtt"] == 1
-    )
-    assert found["fdd_output_pending", "mqtt"] == 3
-    assert found["fdd_output_lost_blocks_total", "recording"] == 6
+    wanted: dict[tuple[str, ...], float] = {
+        ("fdd_samples_total", "A1"): 60000,
+        ("fdd_dropped_samples_total", "A1"): 3,
+        ("fdd_block_lag_seconds", "A1"): 0.3,
+        ("fdd_axis_up", "A1"): 1,
+        ("fdd_axis_state", "A1", "healthy"): 1,
+        ("fdd_axis_state", "A1", "silent"): 0,
+        ("fdd_leakage_cubic_meters_per_pascal_second", "A1"): 9.8e-12,
+        ("fdd_bulk_modulus_stddev_pascals", "A1"): 2e7,
+        ("fdd_estimate_observable", "A1", "bulk_modulus"): 0,
+        ("fdd_fault_probability", "A1", "leakage"): 0.1,
+        ("fdd_store_errors_total",): 2,
+        ("fdd_output_failures_total", "mqtt"): 2,
+        ("fdd_output_pending", "mqtt"): 3,
+        ("fdd_output_lost_blocks_total", "recording"): 6,
+        ("fdd_source_connected", "mqtt"): 1,
+        ("fdd_source_blocks_total", "mqtt"): 9,
+        ("fdd_source_refused_total", "mqtt"): 2,
+        ("fdd_source_reconnects_total", "mqtt"): 1,
+    }
+    assert {key: found[key] for key in wanted} == wanted
     assert found["process_resident_memory_bytes",] > 1e6
-
-
-def test_what_is_not_known_is_not_told() -> None:
+    assert ("fdd_coulomb_friction_newtons", "A1") not in found
+    assert ("fdd_viscous_friction_stddev_newton_seconds_per_meter", "A1") not in found
     names = {key[0] for key in scraped(axis(rate_hz=None, last_wall=None, estimates={}))}
     assert not names & {"fdd_last_sample_timestamp_seconds", "fdd_sample_rate_hertz"}
     assert not any("leakage" in name for name in names)
-    found = scraped(axis())
-    assert ("fdd_coulomb_friction_newtons", "A1") not in found
-    assert ("fdd_viscous_friction_stddev_newton_seconds_per_meter", "A1") not in found
-
-
-def test_an_axis_is_up_while_it_sends_and_is_diagnosed() -> None:
     for state, up in (("healthy", 1), ("in alarm", 1), ("silent", 0), ("failed", 0)):
         assert scraped(axis(state=state))["fdd_axis_up", "A1"] == up
     found = scraped(axis(state="unacknowledged", silent=True))

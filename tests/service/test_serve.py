@@ -22,6 +22,7 @@ from fdd.cli.app import app
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
+from fdd.logs import read_log
 from fdd.logs.tabular_writing import write_parquet
 from fdd.samples import Samples
 from fdd.service.config import Serve
@@ -53,11 +54,14 @@ def ask(address: str, body: dict[str, Any] | None = None) -> Any:
     return answer.raise_for_status().json()
 
 
-def test_a_leak_is_told_acknowledged_and_kept(log: Samples, tmp_path: Path) -> None:
+def test_a_leak_is_told_acknowledged_recorded_and_kept_and_what_is_refused_is_told(
+    log: Samples, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     write_parquet(tmp_path / "run.parquet", log)
     text = (
-        "schema: fdd.serve/1\nfallback: axis_a\nlisten: {port: 0}\n"
-        "sources:\n- {type: replay, speed: max, logs: {A1: run.parquet}}\noutputs: {jsonl: told.jsonl}\n"
+        "schema: fdd.serve/1\nfallback: axis_a\nlisten: {port: 0}\noutputs: {recording: {folder: kept}}\n"
+        "sources:\n- {type: tcp, port: 0, name: line}\n"
+        "- {type: replay, speed: max, logs: {A1: run.parquet}}\n"
     )
     config = Serve.from_yaml(text, folder=tmp_path)
     with serving(config) as service:
@@ -67,10 +71,19 @@ def test_a_leak_is_told_acknowledged_and_kept(log: Samples, tmp_path: Path) -> N
         ask(f"{address}api/alarms/{alarm['id']}/acknowledge", {"note": "on my way"})
         assert ask(f"{address}api/axes")["axes"][0]["state"] == "in alarm"
         assert ask(f"{address}api/axes/A1")["findings"][0]["fault"] == "internal_leakage"
-        told = tmp_path / "told.jsonl"
-        until(lambda: told.exists() and "RAISED" in told.read_text())
+        until(lambda: service.outputs.status()["recording"]["running"])
         with pytest.raises(InputError, match="another fdd serve"):
             Service(config)
+        with socket.create_connection(("127.0.0.1", service.sources()["line"]["port"])) as line:
+            line.sendall(b'{"schema": "fdd.block/1", "axis": "A1", "colums": {}}\n')
+        refused = "source line refused messages: unknown key 'colums' in a block"
+        health = until(lambda: refused in str((h := ask(f"{address}api/health"))["problems"]) and h)
+        assert health["sources"]["line"]["refused"] == 1 and health["status"] == "degraded"
+        metrics = httpx.get(f"{address}metrics", timeout=20).text
+        assert 'fdd_source_refused_total{source="line"} 1.0' in metrics
+        assert "source line: 1 refused, the last one: unknown key 'colums'" in caplog.text
+    [path] = (tmp_path / "kept").glob("A1_*.mcap")
+    assert read_log(path).samples.time[-1] > 5.0, "a stop leaves what there is"
     with serving(config) as service:
         address = service.address
         (alarm,) = until(lambda: ask(f"{address}api/alarms")["alarms"])
@@ -79,14 +92,21 @@ def test_a_leak_is_told_acknowledged_and_kept(log: Samples, tmp_path: Path) -> N
         assert done.count("RAISED") == 1 and "ACKNOWLEDGED" in done
 
 
-def test_a_server_that_is_killed_meanwhile_is_told_and_nothing_is_lost(log: Samples, tmp_path: Path) -> None:
+def test_a_server_that_is_away_at_the_start_or_killed_later_is_told_and_nothing_is_lost(
+    log: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_parquet(tmp_path / "run.parquet", log)
     url = postgres_url()
     text = (
         f"schema: fdd.serve/1\nfallback: axis_a\nlisten: {{port: 0}}\nstore: {url}\n"
         "sources:\n- {type: replay, speed: 10, logs: {A1: run.parquet}}\n"
     )
+    monkeypatch.setattr("fdd.service.service.AGAIN_S", 0.2)
+    postgres_server().kill()
+    coming_back = threading.Timer(1.0, postgres_server().start)
+    coming_back.start()
     with serving(Serve.from_yaml(text, folder=tmp_path)) as service:
+        coming_back.join()
         address = service.address
         samples = lambda: sum(a["samples"] for a in ask(f"{address}api/axes")["axes"])  # noqa: E731
         trouble = lambda: "store cannot be written" in str(ask(f"{address}api/health"))  # noqa: E731
@@ -176,7 +196,6 @@ def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
         "sources: [{type: mqtt, host: h, topics: [t], tls: {ca: none.pem}}]",
         "outputs: {mqtt: {host: h, user: u, password_file: none}}",
         "outputs: {webhooks: [{url: 'http://h', secret_file: none}]}",
-        "outputs: {jsonl: none/told.jsonl}",
         "outputs: {recording: {folder: serve.yaml/none}}",
     ],
 )
@@ -191,21 +210,6 @@ def test_whatever_the_file_names_is_opened_before_anything_is_made(line: str, tm
     assert [p.name for p in tmp_path.iterdir()] == ["serve.yaml"], "nothing half-made"
 
 
-def test_a_server_that_is_away_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    url = postgres_url()
-    postgres_server().kill()
-    monkeypatch.setattr("fdd.service.service.AGAIN_S", 0.2)
-    text = f"schema: fdd.serve/1\nlisten: {{port: 0}}\nstore: {url}\nsources: [{{type: udp, port: 0}}]\n"
-    made: list[Service] = []
-    starting = threading.Thread(target=lambda: made.append(Service(Serve.from_yaml(text, folder=tmp_path))))
-    starting.start()
-    starting.join(1.0)
-    assert starting.is_alive() and not made
-    postgres_server().start()
-    starting.join(60.0)
-    assert made[0].health()["axes"] == 0
-
-
 def test_a_demo_removes_what_a_killed_one_has_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from fdd.cli import serve
 
@@ -217,20 +221,3 @@ def test_a_demo_removes_what_a_killed_one_has_left(tmp_path: Path, monkeypatch: 
         with serve._demo_folder() as other:
             assert sorted(p.name for p in tmp_path.iterdir()) == sorted([mine.name, other.name])
     assert list(tmp_path.iterdir()) == []
-
-
-def test_refusals_are_told_in_log_health_and_metrics(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    text = "schema: fdd.serve/1\nlisten: {port: 0}\nsources: [{type: tcp, port: 0, name: line}]\n"
-    with serving(Serve.from_yaml(text, folder=tmp_path)) as service:
-        until(service.fleet.began.is_set)
-        port = until(lambda: service.fleet.sources()["line"]["port"])
-        with socket.create_connection(("127.0.0.1", port)) as line:
-            line.sendall(b'{"schema": "fdd.block/1", "axis": "A1", "colums": {}}\n')
-        health = until(lambda: (h := ask(f"{service.address}api/health"))["problems"] and h)
-        metrics = httpx.get(f"{service.address}metrics", timeout=20).text
-    assert "source line refused messages: unknown key 'colums' in a block" in health["problems"][0]
-    assert health["sources"]["line"]["refused"] == 1 and health["status"] == "degraded"
-    assert 'fdd_source_refused_total{source="line"} 1.0' in metrics
-    assert "source line: 1 refused, the last one: unknown key 'colums'" in caplog.text

@@ -304,18 +304,6 @@ def test_a_chattering_alarm_stays_one_alarm_and_is_silent_until_it_was_quiet_for
     assert [t.notify for t in book.update("A1", time + 6660.0, WALL, [])] == [True]
 
 
-def test_books_that_share_a_store_never_give_the_same_number() -> None:
-    """Nor where one is restored from the numbers that all have given."""
-    given: list[int] = []
-    for round_ in range(4):
-        for k in range(1, 4):
-            book = AlarmBook(ids=(k, 3))
-            book.restore({"next_id": max(given, default=0) + 1, "alarms": []})
-            for axis in range(round_ + 1):
-                given += [t.alarm.id for t in book.update(f"S{k}/{axis}", 0.0, 0.0, [finding()])]
-    assert len(set(given)) == len(given) == 30
-
-
 def test_the_headline_is_what_the_last_look_still_sees() -> None:
     """A weak valve alarm was a leak's first sign: more urgent by its kind, but no look sees it any more."""
     book, watch = AlarmBook(), AxisWatch("A1", Unit.load("axis_a"), Model.load())

@@ -20,7 +20,7 @@ from fdd.samples import Samples
 from fdd.service.alarms import AlarmBook
 from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR, profile_key, sentence_of
 from fdd.service.order import Order
-from fdd.service.publishing import Link, sendings
+from fdd.service.publishing import sendings
 from fdd.service.store import Rollup, Store
 from fdd.unit import Unit
 from reports.service import free_port
@@ -134,20 +134,20 @@ LOG = Samples(
 
 
 def test_a_plain_line_sends_each_block_when_its_last_row_is_due() -> None:
-    sent = sendings("A1", LOG, Link(speed=20.0))
+    sent = sendings("A1", LOG, 20.0)
     assert [block.sequence for _, block in sent] == list(range(WHOLE))
     assert [when for when, _ in sent] == pytest.approx([b.samples.time[-1] / 20.0 for _, b in sent])
     assert Samples.concatenate([b.samples for _, b in sent])["position"] == pytest.approx(LOG["position"])
-    assert {when for when, _ in sendings("A1", LOG, Link(speed=math.inf))} == {0.0}
+    assert {when for when, _ in sendings("A1", LOG, math.inf)} == {0.0}
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_bad_line_loses_delays_and_swaps_as_asked_and_a_service_puts_it_right(seed: int) -> None:
-    link = Link(speed=20.0, jitter=0.05, loss=0.03, shuffle=5, seed=seed)
-    sent = sendings("A1", LOG, link)
-    assert [(w, b.sequence) for w, b in sent] == [(w, b.sequence) for w, b in sendings("A1", LOG, link)]
+    link = 20.0, 0.05, 0.03, 5, seed
+    sent = sendings("A1", LOG, *link)
+    assert [(w, b.sequence) for w, b in sent] == [(w, b.sequence) for w, b in sendings("A1", LOG, *link)]
     numbers = np.array([b.sequence for _, b in sent])
-    assert not np.array_equal(numbers, [b.sequence for _, b in sendings("A2", LOG, link)])
+    assert not np.array_equal(numbers, [b.sequence for _, b in sendings("A2", LOG, *link)])
     assert np.unique(numbers).size == numbers.size and 5 <= WHOLE - numbers.size <= 40  # 17 +- 4
     times = np.array([w for w, _ in sent])
     held_up = times - np.array([b.samples.time[-1] for _, b in sent]) / 20.0

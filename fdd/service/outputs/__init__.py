@@ -1,1 +1,1 @@
-"""What the service tells the outside: metrics, MQTT, webhooks, JSON lines and recordings."""
+"""What the service tells the outside: metrics, MQTT, webhooks and recordings."""

@@ -19,10 +19,7 @@ from fdd.service.alarms import STANDING
 from fdd.service.status import AxisState, AxisStatus
 
 if TYPE_CHECKING:
-    from fdd.service.outputs.targets import Outputs
-    from fdd.service.shards import Shards
-    from fdd.service.store import Store
-    from fdd.service.watch import Watch
+    from fdd.service.service import Service
 
 MOST_AXES = 1000
 """With metrics of their own; a label's every value is a series that Prometheus keeps."""
@@ -74,8 +71,8 @@ _OUTPUTS: _Metrics = {
 class Metrics(Collector):
     """What `GET /metrics` answers: of axes and sources, alarms that stand, and outputs."""
 
-    def __init__(self, fleet: Watch | Shards, store: Store, outputs: Outputs) -> None:
-        self._fleet, self._store, self._outputs = fleet, store, outputs
+    def __init__(self, service: Service) -> None:
+        self._service = service
         self._registry = CollectorRegistry()
         ProcessCollector(registry=self._registry)
         self._registry.register(self)
@@ -91,12 +88,13 @@ class Metrics(Collector):
 
     def collect(self) -> Iterable[Metric]:
         """All metrics, as things stand."""
-        axes = sorted(self._fleet.axes(), key=lambda axis: axis.name)
+        fleet = self._service.fleet
+        axes = sorted(fleet.axes(), key=lambda axis: axis.name)
         yield GaugeMetricFamily("fdd_axes", "Axes that are watched.", len(axes))
         omitted = max(0, len(axes) - MOST_AXES)
         yield GaugeMetricFamily("fdd_axes_omitted", "Axes beyond the bound, without metrics.", omitted)
         yield _gauge("fdd_build_info", "Version of fdd.", ["version"], [((__version__,), 1)])
-        yield CounterMetricFamily("fdd_store_errors", "Failures of the store.", self._fleet.store_errors)
+        yield CounterMetricFamily("fdd_store_errors", "Failures of the store.", fleet.writer.errors)
         axes = axes[:MOST_AXES]
         yield from _of({axis.name: _figures(axis) for axis in axes}, "axis", _AXES)
         states = [
@@ -114,11 +112,11 @@ class Metrics(Collector):
         # A store in trouble must not take the other metrics away, nor tell of no alarms.
         with suppress(Exception):
             names, labels = {axis.name for axis in axes}, ["axis", "family", "state", "priority"]
-            standing = (alarm for alarm in self._store.alarms(STANDING) if alarm["axis"] in names)
+            standing = (alarm for alarm in self._service.store.alarms(STANDING) if alarm["axis"] in names)
             counts = Counter(tuple(alarm[label] for label in labels) for alarm in standing)
             yield _gauge("fdd_alarms", "Alarms that stand.", labels, counts.items())
-        yield from _of(self._fleet.sources(), "source", _SOURCES)
-        yield from _of(self._outputs.status(), "target", _OUTPUTS)
+        yield from _of(self._service.sources(), "source", _SOURCES)
+        yield from _of(self._service.outputs.status(), "target", _OUTPUTS)
 
 
 def _figures(axis: AxisStatus) -> dict[str, float | None]:

@@ -1,10 +1,9 @@
-"""Where messages go: webhooks, an MQTT broker, JSON lines in a file; and all of them together."""
+"""Where messages go: webhooks and an MQTT broker; and all outputs together."""
 
 from __future__ import annotations
 
 import hashlib
 import hmac
-import os
 import re
 import ssl
 import threading
@@ -13,7 +12,6 @@ from collections.abc import Mapping
 from contextlib import suppress
 from email.utils import parsedate_to_datetime
 from functools import partial
-from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -22,7 +20,6 @@ import orjson
 from paho.mqtt.client import MQTTMessageInfo
 
 from fdd import __version__
-from fdd.files import require_writable
 from fdd.service import config
 from fdd.service.alarms import STANDING
 from fdd.service.bus import Bus
@@ -36,9 +33,6 @@ TIMEOUT_S = 5.0
 """For each answer of the network, a broker's acknowledgement too."""
 MOST_ANSWER_BYTES = 1024
 """Of an answer's body, for the log; the rest is not read."""
-MOST_BYTES = 64 << 20
-"""Of a file of lines; a full one becomes FILE.1, in place of the one before."""
-STATUS_EVERY_S = 60.0
 EVERY_S = 5.0
 """Between two messages to a broker about one axis."""
 MOST_QUEUED = 1000
@@ -110,51 +104,6 @@ def _asked(text: str) -> float:
         return max(0.0, parsedate_to_datetime(text).timestamp() - time.time())
     except (TypeError, ValueError, OverflowError):
         return 0.0
-
-
-class JsonLines(Target):
-    """A file that lines are appended to; it is opened for each, so that log rotators may move it.
-
-    Raises InputError: no such folder, no permission, or no file.
-    """
-
-    is_live = True
-
-    def __init__(self, path: Path, store: Store, most_bytes: int = MOST_BYTES) -> None:
-        super().__init__("jsonl", store)
-        self._path, self._most_bytes = path, most_bytes
-        require_writable(path)
-        self._noted: dict[str, float] = {}
-
-    def append(self, event: Mapping[str, Any]) -> None:
-        """Append one line, whole or not at all; on the disk when this returns. Raises Undelivered."""
-        line = orjson.dumps(event, option=orjson.OPT_APPEND_NEWLINE)
-        try:
-            with suppress(FileNotFoundError):
-                if self._path.stat().st_size + len(line) > self._most_bytes:
-                    self._path.replace(f"{self._path}.1")
-            with self._path.open("ab", buffering=0) as file:
-                size = file.tell()
-                try:
-                    if file.write(line) < len(line):
-                        raise OSError("no space left for a whole line")
-                    os.fsync(file.fileno())
-                except OSError:
-                    file.truncate(size)
-                    raise
-        except OSError as error:
-            raise Undelivered(f"{self._path}: {error.strerror or error}", down=True) from None
-
-    def deliver(self, message: OutboxMessage) -> None:
-        """Append an alarm's transition or a finding; raises as `append`."""
-        self.append({"id": message.id, "kind": message.kind, "data": message.body})
-
-    def note(self, axis: str, state: Mapping[str, Any]) -> None:
-        """Append an axis's status, once a minute at most; where that fails it is lost."""
-        now = time.monotonic()
-        if state and now - self._noted.get(axis, -STATUS_EVERY_S) >= STATUS_EVERY_S:
-            self._noted[axis] = now
-            self.append({"kind": "status", "axis": axis, "data": dict(state)})
 
 
 class MqttPublisher(Target):
@@ -281,7 +230,6 @@ class Outputs:
 
     def __init__(self, settings: config.Outputs, store: Store, bus: Bus) -> None:
         made: list[Target] = [] if settings.mqtt is None else [MqttPublisher(settings.mqtt, store)]
-        made += [] if settings.jsonl is None else [JsonLines(settings.jsonl, store)]
         made += [Webhook(hook, store) for hook in reversed(settings.webhooks)]
         self._bus, self._threads = bus, list[threading.Thread]()
         self._targets = {target.name: target for target in made}

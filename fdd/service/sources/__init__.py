@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from fdd.service.config_sources import AnySource
@@ -18,9 +17,9 @@ KINDS: dict[str, type[Source[Any]]] = {
 }  # fmt: skip
 
 
-def open_source(config: AnySource, has: Callable[[str], bool] = lambda axis: True) -> Source[Any]:
-    """The source that a part of `serve.yaml` describes; `has` tells which axes MQTT takes.
+def open_source(config: AnySource) -> Source[Any]:
+    """The source that a part of `serve.yaml` describes.
 
     Raises InputError: its map cannot be read, or has what a stream cannot use.
     """
-    return KINDS[config.type](config, has)
+    return KINDS[config.type](config)

@@ -36,8 +36,8 @@ Config = TypeVar("Config", bound=TcpSource | UdpSource | StdinSource)
 class Listener(Source[Config]):
     """A source of messages, each a block or a sample ``{"axis": "A1", "time": 0, "position": 0}``."""
 
-    def __init__(self, config: Config, has: Callable[[str], bool] = lambda axis: True) -> None:
-        super().__init__(config, has)
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
         self.axis, self.decoder = config.axis, Decoder(self._map)
         self._open = set[socket.socket]()
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
@@ -69,8 +68,8 @@ class Folder(Source[FolderSource]):
     goes on where it was. A log with a date keeps it (seconds since 1970), else its times start at 0.
     """
 
-    def __init__(self, config: FolderSource, has: Callable[[str], bool] = lambda axis: True) -> None:
-        super().__init__(config, has)
+    def __init__(self, config: FolderSource) -> None:
+        super().__init__(config)
         self._folder, self._note_path, self._note = config.folder, config.folder / NOTE, _Note()
         # Size and time of change of files that are not known to be whole, and since when (s).
         self._seen: dict[Path, tuple[int, int, float]] = {}

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import random
-import re
 import socket
 import threading
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +25,7 @@ _LONGEST_WAIT_S = 60
 """s between attempts to connect; they begin with some 1 s and double."""
 _ON_THEIR_WAY = 400
 """Messages that the broker may send before the first is acknowledged (MQTT 5; else it decides itself): more
-than the fleet stores at once, as those of other shards count; few enough for the inbox with blocks of 0.5 MB.
-"""
+than the fleet stores at once, few enough for the inbox with blocks of 0.5 MB."""
 _TOPIC_BYTES = 65_600
 """Of a message besides its payload."""
 _NO_RETAINED = 2
@@ -47,14 +44,17 @@ class Mqtt(Source[MqttSource]):
 
     A message is done when the fleet calls `Block.accepted`, or at once where it is no block, and acknowledged
     when those that came before it are too. What was not acknowledged comes again after a reconnection, and
-    the axis's `Order` knows it. A retained message is a copy of the past and is passed over. Messages whose
-    topic names an axis that is not taken are acknowledged unread.
+    the axis's `Order` knows it. A retained message is a copy of the past and is passed over.
     """
 
-    def __init__(self, config: MqttSource, has: Callable[[str], bool] = lambda axis: True) -> None:
-        super().__init__(config, has)
+    def __init__(self, config: MqttSource) -> None:
+        super().__init__(config)
         self._decoder = Decoder(self._map)
-        self._patterns = [_pattern(topic) for topic in config.topics]
+        # As they are subscribed to, and which level names the axis.
+        self._filters = [
+            (topic.replace("{axis}", "+"), topic.split("/").index("{axis}") if "{axis}" in topic else None)
+            for topic in config.topics
+        ]
         # Of one connection: numbers mean nothing on the next one. Acknowledged in the order they came, as
         # MQTT demands (4.6): mosquitto before 2.0.13 else lets new messages overtake those that it holds.
         self._waiting = deque[_Coming]()
@@ -111,7 +111,7 @@ class Mqtt(Source[MqttSource]):
         self._was_connected = True
         is_5 = self._config.version == "5"
         wanted: Any = SubscribeOptions(qos=1, retainHandling=_NO_RETAINED) if is_5 else 1
-        client.subscribe([(topic, wanted) for topic, _ in self._patterns])
+        client.subscribe([(topic, wanted) for topic, _ in self._filters])
 
     def _subscribed(self, client: Any, data: Any, number: int, reasons: list[ReasonCode], more: Any) -> None:
         for topic, reason in zip(self._config.topics, reasons, strict=False):
@@ -151,13 +151,10 @@ class Mqtt(Source[MqttSource]):
             topic = message.topic
         except UnicodeDecodeError:
             topic = ""
-        named = (p.fullmatch(topic) for _, p in self._patterns if p.groupindex)
-        axis = next((match["axis"] for match in named if match), None)
-        if axis is not None and not self._has(axis):
-            done()
-            return
+        named = (k for kind, k in self._filters if k is not None and paho.topic_matches_sub(kind, topic))
+        level = next(named, None)
         try:
-            axis = None if axis is None else axis_name(axis)
+            axis = None if level is None else axis_name(topic.split("/")[level])
             payload = bytes(message.payload)
             self.take(self._decoder.decode(payload, self.name, axis=axis, patient=True, accepted=done))
         except InputError as error:
@@ -170,13 +167,3 @@ class Mqtt(Source[MqttSource]):
     def _forget(self) -> None:
         with self._acknowledging:
             self._waiting = deque()
-
-
-def _pattern(topic: str) -> tuple[str, re.Pattern[str]]:
-    """The filter to subscribe to, and what tells the axis in a topic."""
-    plain = "/".join("+" if level == "{axis}" else level for level in topic.split("/"))
-    words = {"+": "[^/]*", "{axis}": "(?P<axis>[^/]*)"}
-    levels = [words.get(level, re.escape(level)) for level in topic.removesuffix("#").split("/")]
-    # a/# is a as well.
-    whole = "/".join(levels) if not topic.endswith("#") else "/".join(levels[:-1]) + "(/.*)?"
-    return plain, re.compile(whole if topic != "#" else ".*", re.DOTALL)

@@ -27,11 +27,11 @@ class Source(ABC, Generic[Config]):
 
     Parameters
     ----------
-    config : its part of `serve.yaml`; the map that it names is read. has : whether an axis is taken.
+    config : its part of `serve.yaml`; the map that it names is read.
     """
 
-    def __init__(self, config: Config, has: Callable[[str], bool] = lambda axis: True) -> None:
-        self.name, self._config, self._has = source_name(config), config, has
+    def __init__(self, config: Config) -> None:
+        self.name, self._config = source_name(config), config
         self._map = None if config.map is None else ChannelMap.load(config.map)
         self._lock = threading.Lock()
         self._counts = {"received": 0, "refused": 0, "reconnects": 0}

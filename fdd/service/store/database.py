@@ -39,8 +39,8 @@ class StoreTrouble(InputError):
 class LeaseLost(InputError):
     """Somebody else has taken over what this process wrote; nothing was written, and never will be."""
 
-    def __init__(self, where: str, name: str) -> None:
-        super().__init__(f"another fdd serve has taken over ({name})", where=where, mend="stop one of them")
+    def __init__(self, where: str) -> None:
+        super().__init__("another fdd serve has taken over", where=where, mend="stop one of them")
 
 
 @contextmanager

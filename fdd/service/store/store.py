@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -21,7 +21,8 @@ from fdd.service.store.schema import ALARM, AUDIT, AXIS, CHECKPOINT, FINDING, JO
 
 DAY_S = 86400.0
 Row = dict[str, Any]
-_WRITTEN = "written"
+_WRITTEN, _OWNER = "written", "serve"
+"""Words of the store: token of the last batch; number of the process that claimed it last."""
 _ACCEPT, _LAST = insert(JOURNAL), select(func.max(JOURNAL.c.id))
 
 
@@ -47,7 +48,7 @@ class Transaction:
 
     def once(self, token: str) -> bool:
         """Whether this is still to be written: a try with the same token may have been, its answer lost."""
-        last = self.metas([_WRITTEN]).get(_WRITTEN)
+        last = self.word(_WRITTEN)
         self.meta(_WRITTEN, token)
         return last != token
 
@@ -139,10 +140,9 @@ class Transaction:
         """Keep a word about the store itself."""
         self._put(META, [{"key": key, "value": value}])
 
-    def metas(self, keys: Iterable[str]) -> dict[str, str]:
-        """Words about the store itself, those that there are."""
-        rows = self._connection.execute(select(META.c.key, META.c.value).where(META.c.key.in_(list(keys))))
-        return {row.key: row.value for row in rows}
+    def word(self, key: str) -> str | None:
+        """A word about the store itself."""
+        return self._connection.execute(select(META.c.value).where(META.c.key == key)).scalar()
 
     def _add(self, table: sa.Table, **row: Any) -> int:
         return int(self._connection.execute(insert(table).returning(table.c.id), row).scalar_one())
@@ -174,17 +174,12 @@ class Store:
     ----------
     url : ``sqlite:///fdd.db`` or ``postgresql://user@host/database``.
     existing : refuse to make one.
-    leases : name to number, as another process has `claim`ed them: those under which this one writes.
-
-    Attributes
-    ----------
-    leases : with them each transaction is refused (`LeaseLost`) once somebody else has claimed one.
 
     Raises InputError: wrong URL, damaged, of another fdd, of another program.
     """
 
-    def __init__(self, url: str, *, existing: bool = False, leases: Mapping[str, str] | None = None) -> None:
-        self.leases = dict(leases or {})
+    def __init__(self, url: str, *, existing: bool = False) -> None:
+        self._lease: str | None = None
         self._engine, self.where = connect(url, existing)
         prepare(self._engine, self.where, existing)
 
@@ -194,29 +189,27 @@ class Store:
 
     @contextmanager
     def transaction(self) -> Iterator[Transaction]:
-        """Write: all of the block, on the disk when it ends, or nothing if it raises."""
+        """Write: all of the block, on the disk when it ends, or nothing if it raises.
+
+        Raises LeaseLost: somebody else has `claim`ed the store since this one did.
+        """
         with (
             told(self.where),
             self._engine.connect().execution_options(**{WRITES: True}) as connection,
             connection.begin(),
         ):
-            # Of writers one at a time: whoever claims a lease comes before this transaction, or after it.
+            # Of writers one at a time: whoever claims the store comes before this transaction, or after it.
             t = Transaction(connection)
-            held = t.metas(self.leases) if self.leases else {}
-            lost = next((name for name, number in self.leases.items() if held.get(name) != number), None)
-            if lost is not None:
-                raise LeaseLost(self.where, lost)
+            if self._lease is not None and t.word(_OWNER) != self._lease:
+                raise LeaseLost(self.where)
             yield t
 
-    def claim(self, name: str) -> None:
-        """Be from now on the only one who writes under a name; whoever was it before is refused.
-
-        Raises LeaseLost: one of the leases that it has already is another's.
-        """
+    def claim(self) -> None:
+        """Be from now on the only one who writes; whoever was it before is refused."""
         with self.transaction() as t:
-            number = str(int(t.metas([name]).get(name, "0")) + 1)
-            t.meta(name, number)
-        self.leases[name] = number
+            lease = str(int(t.word(_OWNER) or "0") + 1)
+            t.meta(_OWNER, lease)
+        self._lease = lease
 
     def _rows(self, statement: sa.Select[Any]) -> list[Row]:
         with told(self.where), self._engine.connect() as connection:
