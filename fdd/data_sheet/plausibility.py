@@ -19,6 +19,8 @@ SLIPS = {
     "60: minute or second": 60.0,
 }
 """Factors that a mistaken unit of measure makes."""
+WARMING_K = 20.0
+"""Between cold and warm oil in service, which the accumulator has to take."""
 
 
 @dataclass(frozen=True)
@@ -96,12 +98,12 @@ def unit_remarks(unit: Unit) -> list[Remark]:
     >>> unit_remarks(Unit.load("axis_a"))
     []
     """
-    return _odd(*_ranges(unit), *_cylinder(unit), *_machine(unit))
+    return _odd(*_ranges(unit), *_cylinder(unit), *_accumulator(unit), *_machine(unit))
 
 
 def sheet_remarks(unit: Unit, values: dict[str, float]) -> list[Remark]:
     """`unit_remarks`, and what the sheet's own figures (SI) say beside each other."""
-    return _odd(*_sheet(values), *_ranges(unit), *_cylinder(unit), *_machine(unit))
+    return _odd(*_sheet(values), *_ranges(unit), *_cylinder(unit), *_accumulator(unit), *_machine(unit))
 
 
 def require_plausible(remarks: list[Remark], where: str) -> None:
@@ -133,7 +135,9 @@ def _ranges(unit: Unit) -> Iterator[Check]:
     for q in QUESTIONS.values():
         if q.path is not None:
             section, name = q.path.split(".")
-            value = float(getattr(getattr(unit, section), name))
+            value = getattr(getattr(unit, section), name)
+            if value is None:
+                continue  # derived from another number, which has a question too
             outside = not q.low <= value <= q.high
             problem = f"{q.path} is {value:g} {q.unit}, not between {q.low:g} and {q.high:g}"
             yield outside, outside, (q.key,), problem, "check its unit of measure"
@@ -158,6 +162,21 @@ def _cylinder(unit: Unit) -> Iterator[Check]:
         yield barely, False, keys, f"{held}, barely less {sweeps}", "add the lines' oil"
         problem = f"{held}, {volume / swept:.3g} times what the piston sweeps from there"
         yield volume > 30.0 * swept, volume > 300.0 * swept, keys, problem, "check volume, stroke and area"
+
+
+def _accumulator(unit: Unit) -> Iterator[Check]:
+    """The gas gives way to what the rod displaces and to the warming oil, else the circuit cannot move."""
+    a, c = unit.accumulator, unit.cylinder
+    chambers = c.volume_1 + c.volume_2
+    moved = 0.5 * c.stroke * abs(c.area_1 - c.area_2) + unit.oil.thermal_expansion * WARMING_K * chambers
+    gas = f"the accumulator's gas is {1e6 * a.gas_volume:.3g} cm³"
+    keys, mend = ("gas_volume",), "check the gas volume and its unit of measure"
+    yield (
+        a.gas_volume < moved, a.gas_volume < 0.1 * moved, keys,
+        f"{gas}, less than the {1e6 * moved:.3g} cm³ of oil that the rod and {WARMING_K:.0f} K move", mend,
+    )  # fmt: skip
+    much = f"{gas}, {a.gas_volume / chambers:.3g} times what both chambers hold"
+    yield a.gas_volume > 30.0 * chambers, a.gas_volume > 300.0 * chambers, keys, much, mend
 
 
 def _machine(unit: Unit) -> Iterator[Check]:

@@ -12,7 +12,7 @@ import yaml
 
 from fdd.data_sheet.accumulator import accumulator_volumes
 from fdd.data_sheet.answers import QUESTIONS
-from fdd.data_sheet.plausibility import derived
+from fdd.data_sheet.plausibility import derived, unit_remarks
 from fdd.unit import Unit
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -183,6 +183,19 @@ def test_check_finds_a_slip_in_a_profile(run, tmp_path: Path) -> None:
     result = run("profile", "check", tmp_path / "slip.yaml")
     assert result.exit_code == 2 and "impossible: oil.bulk_modulus is 210 Pa" in result.stdout
     assert len(result.stderr.splitlines()) == 1 and "oil.bulk_modulus" in result.stderr
+
+
+def test_gas_that_cannot_give_way_to_the_oil_is_odd() -> None:
+    """Expected: mineral oil swells by 0.07 % a kelvin, so that 229 cm³ grow by 3.2 cm³ in 20 K."""
+    unit = Unit.load(EXAMPLES / "rig6.base.yaml")
+    assert unit.cylinder.volume_1 + unit.cylinder.volume_2 == pytest.approx(229e-6, rel=0.05)
+    unit.accumulator.gas_volume, unit.accumulator.oil_volume = 3e-6, 1e-6
+    (remark,) = unit_remarks(unit)
+    assert remark.keys == ("gas_volume",) and not remark.impossible and "gas is 3 cm³" in remark.problem
+
+
+def test_a_profile_that_leaves_the_accumulators_oil_out_can_be_checked(run) -> None:
+    assert run("profile", "check", EXAMPLES / "bench.base.yaml").exit_code == 0
 
 
 @pytest.mark.parametrize(
