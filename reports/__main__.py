@@ -11,7 +11,7 @@ import typer
 from fdd.cli.console import counted
 from fdd.cli.failures import Commands, prepare_process
 from fdd.cli.options import EngineOption, WorkersOption
-from reports import budget, datasets, disturbed
+from reports import datasets
 from reports.estimators.report import estimators
 from reports.live.report import load, outage
 from reports.live.soak import soak
@@ -47,13 +47,12 @@ def of_data_set(measure: Callable[..., Any], table: Callable[[Any], str], words:
 
 
 for measure, table, words in (
-    (budget.budget, budget.table, "Where visible faults are lost, and what healthy logs differ by."),
+    (datasets.budget, datasets.budget_table,
+     "Where visible faults are lost, and what healthy logs differ by."),
     (datasets.identification, datasets.identification_table,
      "Identify each unit from its data sheet: refusals, and do deviations come true?"),
     (datasets.scales, datasets.scales_table,
      "Read healthy logs in wrong units of measure: refused, or warned of?"),
-    (disturbed.disturbed, disturbed.table, "Compare answers on logs cut, holed or mirrored."),
-    (datasets.left_out, datasets.left_out_table, "Diagnose faulty logs without their fault's signatures."),
 ):  # fmt: skip
     of_data_set(measure, table, words)
 

@@ -13,18 +13,7 @@ import typer
 
 from fdd.cli.console import progress, remark
 from fdd.errors import InputError
-from reports.live.inside import BLOCK_S, LEAKING, ROWS, Inside, inside, logs, messages
-from reports.live.ramp import (
-    LAG_S,
-    SETTLE_S,
-    Overload,
-    Stage,
-    harder,
-    overload,
-    ramp,
-    served_by_broker,
-    why_not,
-)
+from reports.live import capacity
 from reports.service import MOSQUITTO, until
 from reports.writing import FOLDER, OutOption, load_now, made_by, render, require_folder, write_report
 
@@ -54,36 +43,36 @@ def load(
     numbers = sorted({int(n) for n in axes.split(",")}) if axes.replace(",", "").isdecimal() else []
     if not numbers or not 0 < numbers[0] <= numbers[-1] <= 1000:
         raise InputError(f"--axes {axes!r} are no numbers from 1 to 1000", mend="write e.g. 20,40,60")
-    watched, span, missing = 10, 60.0, why_not()
+    watched, span, missing = 10, 60.0, capacity.why_not()
     if quick:
         watched, span, seconds, repeats, aged = 4, 20.0, min(seconds, 25.0), 1, 0.0
     with progress("simulating logs"):
-        recorded = logs(max(aged, 60.0, 0.0 if missing else seconds * len(numbers)))
+        recorded = capacity.logs(max(aged, 60.0, 0.0 if missing else seconds * len(numbers)))
     with progress("measuring the fleet's thread"):
-        cost = inside(recorded, watched, span, repeats, aged)
+        cost = capacity.inside(recorded, watched, span, repeats, aged)
     stages, cases, over = [], {}, None
     if missing is None:
-        stages = ramp(recorded, numbers, seconds, remark)
-        cases = harder(recorded, min(HARDER_AXES, numbers[-1]), seconds, remark)
-        over = overload(recorded, 2 * max(_most(stages), 1), 2.0 * seconds)
+        stages = capacity.ramp(recorded, numbers, seconds, remark)
+        cases = capacity.harder(recorded, min(HARDER_AXES, numbers[-1]), seconds, remark)
+        over = capacity.overload(recorded, 2 * max(_most(stages), 1), 2.0 * seconds)
     write_report(out / "live.md", report_text(cost, stages, seconds, missing, cases, over))
     print(f"{cost.whole:.1f} µs a sample, of which {cost.alone:.1f} are the pipeline's")
     print(f"{_most(stages)} axes in real time on one core" if stages else f"not in real time: {missing}")
 
 
-def _most(stages: Sequence[Stage]) -> int:
+def _most(stages: Sequence[capacity.Stage]) -> int:
     return max((s.axes for s in stages if s.in_time), default=0)
 
 
 def report_text(
-    cost: Inside, stages: Sequence[Stage], seconds: float, why: str | None = None,
-    cases: Mapping[str, Stage] | None = None, over: Overload | None = None,
+    cost: capacity.Inside, stages: Sequence[capacity.Stage], seconds: float, why: str | None = None,
+    cases: Mapping[str, capacity.Stage] | None = None, over: capacity.Overload | None = None,
 ) -> str:  # fmt: skip
     """The whole report; `why` says what hindered the measurement in real time."""
     return render(
         Path(__file__).with_name("live.md.j2"), made_by=made_by("load"), load_now=load_now(), cost=cost,
         stages=stages, seconds=seconds, why=why, best=_most(stages), goal_axes=GOAL_AXES,
-        goal_bytes=GOAL_BYTES, settle=SETTLE_S, lag=LAG_S, cases=cases or {}, over=over,
+        goal_bytes=GOAL_BYTES, settle=capacity.SETTLE_S, lag=capacity.LAG_S, cases=cases or {}, over=over,
         aged=math.isfinite(cost.axis_bytes),
     )  # fmt: skip
 
@@ -96,8 +85,8 @@ def outage(
     if MOSQUITTO is None:
         raise InputError("no mosquitto here", mend="install it (Debian: mosquitto)")
     with progress("simulating logs"):
-        payloads = [messages(log) for log in logs(BEFORE_S + seconds)]
-    first, last = round(BEFORE_S / BLOCK_S), round((BEFORE_S + seconds) / BLOCK_S)
+        payloads = [capacity.messages(log) for log in capacity.logs(BEFORE_S + seconds)]
+    first, last = round(BEFORE_S / capacity.BLOCK_S), round((BEFORE_S + seconds) / capacity.BLOCK_S)
     client = paho.Client(paho.CallbackAPIVersion.VERSION2, protocol=paho.MQTTv5)
     client.max_queued_messages_set(0)
 
@@ -108,7 +97,7 @@ def outage(
             if number % 50 == 49 or number == end - 1:
                 sent.wait_for_publish(300.0)
 
-    with served_by_broker() as (served, port):
+    with capacity.served_by_broker() as (served, port):
         until(lambda: not served.problems(), 30.0)
         client.connect("127.0.0.1", port)
         client.loop_start()
@@ -119,7 +108,7 @@ def outage(
         begun = time.monotonic()
         served.spawn()
         until(lambda: served.get("/api/health"), 120.0)
-        answered, wanted, slowest, worked = time.monotonic() - begun, axes * last * ROWS, 0.0, 0
+        answered, wanted, slowest, worked = time.monotonic() - begun, axes * last * capacity.ROWS, 0.0, 0
         while worked < wanted and time.monotonic() - begun < LONGEST_S:
             time.sleep(1.0)
             asked = time.monotonic()
@@ -131,5 +120,5 @@ def outage(
         findings, audit = served.told()
     print(f"{worked:,} of {wanted:,} samples are worked {took:.0f} s after the start, {megabytes:.0f} MB")
     print(f"health answers {answered:.1f} s after the start, and then within {slowest:.2f} s")
-    leaking = sum(k % len(payloads) == LEAKING for k in range(axes))
+    leaking = sum(k % len(payloads) == capacity.LEAKING for k in range(axes))
     print(f"{len(findings)} findings, {audit.count('RAISED')} alarms raised, of {leaking} axes that leak")

@@ -15,7 +15,7 @@ from fdd.cli.console import progress
 from fdd.markdown import table
 from fdd.plant.details import Details
 from fdd.unit import Unit
-from reports.thesis import control, dead_band, flow, friction, response
+from reports.thesis import control, flow, friction, response
 from reports.thesis.runs import Figures
 from reports.writing import FOLDER, OutOption, draw, require_folder, template, write_report
 
@@ -30,7 +30,7 @@ EXPERIMENTS: tuple[Callable[[Unit, Unit, int], Figures], ...] = (
     response.servomotor,
     response.low_speed,
     response.high_speed,
-    dead_band.dead_band,
+    control.dead_band,
     control.chatter_filter,
     control.position_step,
     control.ultimate_gain,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from disturbances import DISTURBANCES, mirrored, mirrored_unit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
@@ -21,7 +22,6 @@ from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import Tracking
 from fdd.samples import Samples
 from fdd.unit import Unit
-from reports.disturbed import mirrored, mirrored_unit
 
 Answer = Callable[[Samples], Diagnosis]
 SHARED = settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -112,6 +112,17 @@ def test_one_early_row_changes_nothing(unit: Unit, leaking: Samples) -> None:
     assert [f.fault for f in one.faults] == [f.fault for f in other.faults]
     assert [f.onset_s for f in one.faults] == [f.onset_s for f in other.faults]
     assert other.faults[0].severity == pytest.approx(one.faults[0].severity, abs=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DISTURBANCES)
+def test_how_it_was_recorded_changes_neither_fault_nor_onset(
+    unit: Unit, answer: Answer, leaking: Samples, name: str
+) -> None:
+    found = pushed(unit, DISTURBANCES[name](leaking), []).finish()
+    (one, *_), (other, *_) = answer(leaking).faults, found.faults
+    assert other.fault in one.ambiguity and other.onset_s == pytest.approx(one.onset_s, abs=1.0)
+    assert pushed(unit, DISTURBANCES[name](simulated(31, "spring")), []).finish().verdict == "healthy"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from fdd.identification.experiments.friction import fit_curve
 from fdd.identification.experiments.response import Coefficients
 from fdd.identification.friction import curve
 from fdd.unit import Unit
-from reports.thesis import control, dead_band, flow
+from reports.thesis import control, flow
 from reports.thesis.frequency_response import TransferFunction
 from reports.thesis.friction import MODES, creeping_peaks, run_up, start_of
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_poles
@@ -106,19 +106,19 @@ def test_the_dead_band_is_leakage_under_friction(unit):
     for force in (200.0, 400.0):
         flattened = flat(unit, force)
         holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
-        expected = holding * force / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + dead_band.MOTOR
+        expected = holding * force / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + control.MOTOR
         levels = expected * np.array([0.5, 1.8, 2.2, 2.6, 3.5])
-        found = dead_band.slides_from(flattened, levels, 1.0, 1)
+        found = control.slides_from(flattened, levels, 1.0, 1)
         assert found == pytest.approx(expected, rel=0.03)
 
 
 def test_the_thesis_s_own_equations_have_its_dead_band(unit):
     """Table 6.1's 0.06 V out of eqs 5.3 and 5.12 and Table 5.2, without the plant; by hand at one speed."""
-    assert dead_band.offset_of_equations(unit, "A") == pytest.approx(0.06, abs=0.005)
-    assert dead_band.offset_of_equations(Unit.load("axis_b"), "B") == pytest.approx(0.033, abs=0.003)
+    assert control.offset_of_equations(unit, "A") == pytest.approx(0.06, abs=0.005)
+    assert control.offset_of_equations(Unit.load("axis_b"), "B") == pytest.approx(0.033, abs=0.003)
     command = np.array([-2.0, -1.0, 1.0, 2.0]) * VOLT
     shifted = np.sign(command) * (np.abs(command) - 0.1 * VOLT)
-    np.testing.assert_allclose(dead_band.offsets(command, shifted), 0.1)
+    np.testing.assert_allclose(control.offsets(command, shifted), 0.1)
 
 
 def test_linear_ultimate_gain_is_routh_hurwitz_s():
@@ -137,6 +137,6 @@ def test_the_final_error_is_what_holds_the_friction(unit, share):
     out = run_position(changed, setpoint, control.GAIN, seed=3)
     holding = holding_leakage(changed)
     area, displacement = changed.cylinder.area_1, changed.pump.displacement
-    speed = holding * out.truth["friction_force"][-1] / (area * displacement) + VOLT * dead_band.MOTOR
+    speed = holding * out.truth["friction_force"][-1] / (area * displacement) + VOLT * control.MOTOR
     error = 0.1 - float(np.mean(out.truth["position"][-50:]))
     assert control.GAIN * error == pytest.approx(speed, rel=0.05)

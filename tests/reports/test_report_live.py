@@ -10,9 +10,8 @@ import pytest
 from fdd.samples import CHANNELS, Samples
 from fdd.service.blocks import Decoder
 from reports.__main__ import app
-from reports.live import ramp as room
-from reports.live.inside import Inside, inside, logs, messages
-from reports.live.ramp import Overload, Stage, ramp, why_not
+from reports.live import capacity
+from reports.live.capacity import Inside, Overload, Stage, inside, logs, messages, ramp, why_not
 from reports.live.report import report_text
 from reports.troubles import TROUBLES, Outcome
 from reports.troubles import report_text as troubles_text
@@ -68,7 +67,7 @@ def test_the_report_says_what_was_found() -> None:
 
 
 def test_without_a_broker_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(room, "MOSQUITTO", None)
+    monkeypatch.setattr(capacity, "MOSQUITTO", None)
     assert "install it (Debian: mosquitto)" in (why_not() or "")
 
 
