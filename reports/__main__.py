@@ -13,8 +13,7 @@ from fdd.cli.failures import Commands, prepare_process
 from fdd.cli.options import EngineOption, WorkersOption
 from reports import datasets
 from reports.estimators.report import estimators
-from reports.live.report import load, outage
-from reports.live.soak import soak
+from reports.live.report import load, outage, soak
 from reports.plant.report import plant
 from reports.thesis.report import thesis
 from reports.troubles import troubles

@@ -10,13 +10,14 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from http.client import HTTPConnection, HTTPException
+from http.client import HTTPException
 from importlib import resources
 from pathlib import Path
 from statistics import median
 from typing import Any
+from urllib.request import urlopen
 
 import numpy as np
 import paho.mqtt.client as paho
@@ -226,16 +227,13 @@ class _Watched:
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
-        link = HTTPConnection("127.0.0.1", self.served.port, timeout=60.0)
-        try:
-            link.request("GET", "/api/events")
-            for line in iter(link.getresponse().readline, b""):
+        events = f"http://127.0.0.1:{self.served.port}/api/events"
+        with suppress(OSError, HTTPException, ValueError), urlopen(events, timeout=60.0) as lines:
+            for line in lines:  # until the service is ended
                 if line.startswith(b'data: {"kind":'):
                     event, now = json.loads(line[6:]), time.time()
                     if event["kind"] in ("status", "finding"):
                         self.heard.append((event["kind"], event["axis"], event["time"], now))
-        except (OSError, HTTPException, ValueError):
-            return  # the service was ended
 
     def add(self, axes: int) -> None:
         """Begin with axes up to this number."""

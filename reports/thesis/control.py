@@ -16,7 +16,6 @@ from fdd.plant.details import Details
 from fdd.unit import Unit
 from reports.thesis import runs as rig
 from reports.thesis.flow import SLOPES, SPEEDS, speeds_of
-from reports.thesis.frequency_response import TransferFunction
 from reports.thesis.friction import MODES, Mode
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, respond
 from reports.writing import Panel
@@ -257,7 +256,7 @@ def least_oscillating(unit: Unit, seed: int, partner: rig.Beside | None = None) 
     return high
 
 
-def linear_ultimate_gain(model: TransferFunction) -> float:
+def linear_ultimate_gain(model: rig.TransferFunction) -> float:
     """Proportional gain at which the loop around ``model/s`` is on the verge, (rad/s)/m.
 
     Where velocity over demanded speed lags 90°, and the integrator the other 90°.

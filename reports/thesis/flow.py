@@ -16,7 +16,6 @@ from fdd.residuals.oil import air_compliance
 from fdd.samples import Samples
 from fdd.unit import Oil, Unit
 from reports.thesis import runs as rig
-from reports.thesis.frequency_response import TransferFunction
 from reports.writing import Panel
 
 Array = NDArray[np.float64]
@@ -253,7 +252,7 @@ def fit_second_order(pump_speed: Array, velocity: Array, start: Coefficients) ->
     """Coefficients whose response to the pump speed comes nearest to the velocity, both (n,) from rest."""
 
     def off(theta: Array) -> Array:
-        model = TransferFunction((theta[0],), (1.0, theta[1], theta[2]), 0.0)
+        model = rig.TransferFunction((theta[0],), (1.0, theta[1], theta[2]), 0.0)
         return np.asarray((model.simulate(pump_speed, rig.PERIOD) - velocity) / velocity.std())
 
     guess = np.array([start.numerator, max(start.damping, 1.0), start.stiffness])

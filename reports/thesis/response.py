@@ -14,14 +14,13 @@ from fdd.identification.experiments.response import decibel, degrees, from_profi
 from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.plant.details import Details
 from fdd.unit import Unit
-from reports.thesis import frequency_response as freq
 from reports.thesis import runs as rig
 from reports.writing import Panel
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-SERVOMOTOR = freq.TransferFunction((68.67, 1.21e5), (1.0, 760.8, 1.26e5), 0.001)
+SERVOMOTOR = rig.TransferFunction((68.67, 1.21e5), (1.0, 760.8, 1.26e5), 0.001)
 """Eq. 6.11."""
 BANDWIDTH = 33.3
 """Hz, section 6.3."""
@@ -39,7 +38,7 @@ LIMITS = (STALL_TORQUE, 16.1, 26.0)
 class Identified:
     """A model and its fit (1 explains all), input and output (n,) that it is from, largest current (A)."""
 
-    model: freq.TransferFunction
+    model: rig.TransferFunction
     fit: float
     given: Array
     caused: Array
@@ -48,9 +47,9 @@ class Identified:
 
 def _best_fit(
     given: Array, caused: Array, delays: Iterable[int], **orders: Any
-) -> tuple[freq.TransferFunction, float]:
+) -> tuple[rig.TransferFunction, float]:
     """Output-error model with the delay (ms) under which it explains most, and its fit."""
-    fits = (freq.fit_output_error(given, caused, rig.PERIOD, delay=d * rig.PERIOD, **orders) for d in delays)
+    fits = (rig.fit_output_error(given, caused, rig.PERIOD, delay=d * rig.PERIOD, **orders) for d in delays)
     return max(fits, key=lambda found: found[1])
 
 
@@ -58,8 +57,8 @@ def identify_motor(unit: Unit, seed: int, details: Details | None = None) -> Ide
     """Second-order output-error model from demanded to true motor speed, about rest."""
     command = np.concatenate([np.zeros(_REST), rig.VOLT * rig.identification_volts(SECONDS, seed)])
     log = rig.run_speed(unit, command, details=details, seed=seed).samples
-    given = freq.held_input(command, rig.PERIOD)[_REST:]
-    caused = freq.velocity(log["pump_angle"], rig.PERIOD)[_REST:]
+    given = rig.held_input(command, rig.PERIOD)[_REST:]
+    caused = rig.velocity(log["pump_angle"], rig.PERIOD)[_REST:]
     model, fit = _best_fit(given, caused, range(4), zeros=1, poles=2)
     return Identified(model, fit, given, caused, float(np.max(np.abs(log["motor_current"]))))
 
@@ -75,11 +74,11 @@ def level_bandwidths(unit: Unit, limit: float, seed: int) -> list[str]:
             [np.zeros(_REST), volt * rig.VOLT * rig.binary_noise(_NOISE_SECONDS, 125.0, seed)]
         )
         log = rig.run_speed(limited, command, seed=seed).samples
-        given = freq.held_input(command, rig.PERIOD)[_REST:]
+        given = rig.held_input(command, rig.PERIOD)[_REST:]
         points = []
         for channel in ("pump_angle", "position"):
-            frequency, response = freq.windowed_response(
-                given, freq.velocity(log[channel], rig.PERIOD)[_REST:], rig.PERIOD
+            frequency, response = rig.windowed_response(
+                given, rig.velocity(log[channel], rig.PERIOD)[_REST:], rig.PERIOD
             )
             size = np.abs(response)[frequency >= 1.0]
             points.append(half_power_frequency(frequency[frequency >= 1.0], size, float(size[0])))
@@ -87,7 +86,7 @@ def level_bandwidths(unit: Unit, limit: float, seed: int) -> list[str]:
     return found
 
 
-def bode(measured: tuple[Array, ComplexArray], model: freq.TransferFunction, thesis: freq.TransferFunction,
+def bode(measured: tuple[Array, ComplexArray], model: rig.TransferFunction, thesis: rig.TransferFunction,
           name: str, gain: float, mark: float, highest: float,
           points: tuple[tuple[float, ...], ComplexArray] | None = None) -> list[Panel]:  # fmt: skip
     """Magnitude and phase over a gain: measured response, model, the thesis's, and points beside them."""
@@ -110,7 +109,7 @@ def bode(measured: tuple[Array, ComplexArray], model: freq.TransferFunction, the
     return panels
 
 
-def _degrees_behind(model: freq.TransferFunction, frequency: float) -> float:
+def _degrees_behind(model: rig.TransferFunction, frequency: float) -> float:
     """How far its phase lies behind eq. 6.11's at a frequency in Hz (°)."""
     high = np.array([frequency])
     return float(np.degrees(np.angle(SERVOMOTOR.at(high) / model.at(high)))[0])
@@ -119,7 +118,7 @@ def _degrees_behind(model: freq.TransferFunction, frequency: float) -> float:
 def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 6.3: identify axis A's servomotor as the thesis did, and with one thing changed at a time."""
     found = identify_motor(axis_a, seed)
-    measured = freq.windowed_response(found.given, found.caused, rig.PERIOD)
+    measured = rig.windowed_response(found.given, found.caused, rig.PERIOD)
     # A current limit that this signal does not reach; cogging grows with it.
     strong = rig.changed(axis_a, "drive", current_limit=2.0 * axis_a.drive.current_limit)
     quick = identify_motor(axis_a, seed, Details(current_lag=1e-4))
@@ -139,8 +138,8 @@ def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     }
 
 
-LOW = freq.TransferFunction((1.08e-2, 2.562, 242.6), (1.0, 144.8, 1.66e4, 6.50e5), 0.01)
-HIGH = freq.TransferFunction((9.43e-3, 4.37, 648.80), (1.0, 185.5, 3.14e4, 1.91e6), 0.01)
+LOW = rig.TransferFunction((1.08e-2, 2.562, 242.6), (1.0, 144.8, 1.66e4, 6.50e5), 0.01)
+HIGH = rig.TransferFunction((9.43e-3, 4.37, 648.80), (1.0, 185.5, 3.14e4, 1.91e6), 0.01)
 """Eqs 6.12 and 6.13 with velocity as the output."""
 AMPLITUDE = 1.5
 SINES = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 16.8, 22.0, 27.0, 33.0, 40.0, 50.0, 60.0, 70.0)
@@ -162,7 +161,7 @@ class Region:
     name: str
     mean: float
     equation: str
-    thesis: freq.TransferFunction
+    thesis: rig.TransferFunction
     bandwidth: float
     pair: complex
     single: float
@@ -182,7 +181,7 @@ class Response:
     ETFE, through the thesis's window of 128 points, is in m/rad; `sines` (len(SINES),) are over Dp/A.
     """
 
-    model: freq.TransferFunction
+    model: rig.TransferFunction
     fit: float
     frequency: Array
     empirical: ComplexArray
@@ -197,9 +196,9 @@ def _drive(unit: Unit, region: Region, volts: Array, seed: int, **how: Any) -> t
     command = rig.VOLT * np.concatenate([np.zeros(_REST), lead, region.mean + volts])
     log = rig.run_speed(unit, command, start=region.start, seed=seed, **how).samples
     first = _REST + lead.size
-    speed = freq.velocity(log["position"], rig.PERIOD)
+    speed = rig.velocity(log["position"], rig.PERIOD)
     before = float(np.mean(speed[first - 60 : first - 10])) if region.mean else 0.0
-    return freq.held_input(command, rig.PERIOD)[first:] - rig.VOLT * region.mean, speed[first:] - before
+    return rig.held_input(command, rig.PERIOD)[first:] - rig.VOLT * region.mean, speed[first:] - before
 
 
 def single_sine(unit: Unit, region: Region, frequency: float, seed: int, **how: Any) -> complex:
@@ -212,7 +211,7 @@ def single_sine(unit: Unit, region: Region, frequency: float, seed: int, **how: 
     usable = time.size - 20
     periods = max(int(0.6 * usable * rig.PERIOD * frequency), 1)
     last = slice(usable - round(periods / (frequency * rig.PERIOD)), usable)
-    return freq.response_at(given[last], caused[last], rig.PERIOD, frequency) / rig.hydraulic_gain(unit)
+    return rig.response_at(given[last], caused[last], rig.PERIOD, frequency) / rig.hydraulic_gain(unit)
 
 
 def respond(
@@ -221,14 +220,14 @@ def respond(
     """Third-order output-error model, ETFE and single sines of one axis in one region; `how` it is run."""
     given, caused = _drive(unit, region, rig.identification_volts(region.seconds, seed), seed, **how)
     model, fit = _best_fit(given, caused, _DELAYS, zeros=2, poles=3)
-    frequency, empirical = freq.windowed_response(given, caused, rig.PERIOD)
+    frequency, empirical = rig.windowed_response(given, caused, rig.PERIOD)
     own = half_power_frequency(frequency, np.abs(empirical), abs(empirical[0]))
     single = np.array([single_sine(unit, region, f, seed, **how) for f in sines])
     bandwidth = half_power_frequency(np.array(sines), np.abs(single), 1.0)
     return Response(model, fit, frequency, empirical, own, single, bandwidth)
 
 
-def split_poles(model: freq.TransferFunction) -> tuple[complex, float]:
+def split_poles(model: rig.TransferFunction) -> tuple[complex, float]:
     """The complex pair's upper pole and the real one; of three real ones the two fastest are the pair."""
     poles = model.poles
     if np.any(np.abs(poles.imag) > 1e-6):

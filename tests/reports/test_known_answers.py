@@ -9,11 +9,11 @@ from fdd.identification.experiments.response import Coefficients
 from fdd.identification.friction import curve
 from fdd.unit import Unit
 from reports.thesis import control, flow
-from reports.thesis.frequency_response import TransferFunction
 from reports.thesis.friction import MODES, creeping_peaks, run_up, start_of
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_poles
 from reports.thesis.runs import (
     VOLT,
+    TransferFunction,
     holding_leakage,
     run_position,
     with_leakage,
