@@ -1,4 +1,4 @@
-"""``python -m reports load``: how many axes one core watches; ``outage``: nothing is lost; ``soak``: lives."""
+"""``python -m reports load``: axes that one core watches; ``outage``: nothing is lost; ``soak``: weeks."""
 
 from __future__ import annotations
 
