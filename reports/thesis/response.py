@@ -59,7 +59,7 @@ def identify_motor(unit: Unit, seed: int, details: Details | None = None) -> Ide
     log = rig.run_speed(unit, command, details=details, seed=seed).samples
     given = rig.held_input(command, rig.PERIOD)[_REST:]
     caused = rig.velocity(log["pump_angle"], rig.PERIOD)[_REST:]
-    model, fit = _best_fit(given, caused, range(4), zeros=1, poles=2)
+    model, fit = _best_fit(given, caused, range(4), zeros=1, poles=2, highest_hz=150.0)
     return Identified(model, fit, given, caused, float(np.max(np.abs(log["motor_current"]))))
 
 
@@ -118,7 +118,7 @@ def _degrees_behind(model: rig.TransferFunction, frequency: float) -> float:
 def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 6.3: identify axis A's servomotor as the thesis did, and with one thing changed at a time."""
     found = identify_motor(axis_a, seed)
-    measured = rig.windowed_response(found.given, found.caused, rig.PERIOD)
+    measured = rig.empirical_response(found.given, found.caused, rig.PERIOD)
     # A current limit that this signal does not reach; cogging grows with it.
     strong = rig.changed(axis_a, "drive", current_limit=2.0 * axis_a.drive.current_limit)
     quick = identify_motor(axis_a, seed, Details(current_lag=1e-4))
@@ -134,7 +134,7 @@ def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
         "behind": _degrees_behind(found.model, 100.0),
         "behind_bandwidth": _degrees_behind(found.model, 33.3),
         "behind_quick": _degrees_behind(quick.model, 100.0),
-        "picture": bode(measured, found.model, SERVOMOTOR, "eq. 6.11", 1.0, BANDWIDTH, 100.0),
+        "picture": bode(measured, found.model, SERVOMOTOR, "eq. 6.11", 1.0, BANDWIDTH, 150.0),
     }
 
 

@@ -223,6 +223,22 @@ def sampled(numerator: Array, denominator: Array, period: float) -> tuple[Array,
     return np.asarray(top), np.asarray(bottom)
 
 
+def empirical_response(
+    given: Array, caused: Array, period: float, width_hz: float = 2.0
+) -> tuple[Array, ComplexArray]:
+    """The thesis's estimate (ETFE): output's transform over input's, smoothed by a Hamming window.
+
+    Cross and own spectrum of input and output (n,) are averaged over the window before the division (Ljung,
+    System Identification, 2nd ed., eq. 6.46). Gives frequency (Hz) and response, (n // 2 + 1,) each.
+    """
+    u, y = np.fft.rfft(given - given.mean()), np.fft.rfft(caused - caused.mean())
+    window = np.hamming(max(round(width_hz * given.size * period), 1) | 1)
+    powers = np.array([u, y]) * np.conj(u)
+    own, cross = np.asarray(fftconvolve(powers, window[None, :], mode="same", axes=1), dtype=np.complex128)
+    frequency = np.asarray(np.fft.rfftfreq(given.size, period), dtype=np.float64)
+    return frequency, np.asarray(cross / np.maximum(own.real, 1e-12 * own.real.max()))
+
+
 def velocity(position: Array, period: float, cutoff_hz: float = 150.0) -> Array:
     """Velocity (n,) by central differences (eq. 6.3) and a zero-phase Butterworth filter of order 10.
 
@@ -272,19 +288,20 @@ def response_at(given: Array, caused: Array, period: float, frequency: float) ->
 
 
 def fit_output_error(
-    given: Array, caused: Array, period: float, *, zeros: int, poles: int, delay: float
-) -> tuple[TransferFunction, float]:
+    given: Array, caused: Array, period: float, *, zeros: int, poles: int, delay: float,
+    highest_hz: float = 60.0,
+) -> tuple[TransferFunction, float]:  # fmt: skip
     """Continuous transfer function whose own response to the input comes nearest to the output.
 
     It starts from the rational function nearest to the empirical response (Sanathanan and Koerner's
     iteration, doi.org/10.1109/TAC.1963.1105517); then the squared output error is made least.
 
     `given`, `caused`: (n,) input (see `held_input`) and output, from rest. `delay`: s, a whole number of
-    periods.
+    periods. `highest_hz`: up to which the first guess looks at the response.
 
     Gives the model, and its fit: 1 for all of the output explained, 0 for no better than the mean.
     """
-    start = _rational_guess(given, caused, period, zeros, poles, delay)
+    start = _rational_guess(given, caused, period, zeros, poles, delay, highest_hz)
 
     def model(theta: Array) -> TransferFunction:
         # Powers of s/100 carry the coefficients back to s in 1/s; poles on the wrong side are turned over.
@@ -307,18 +324,21 @@ def fit_output_error(
 
 
 def _rational_guess(
-    given: Array, caused: Array, period: float, zeros: int, poles: int, delay: float
+    given: Array, caused: Array, period: float, zeros: int, poles: int, delay: float, highest_hz: float
 ) -> Array:
     """Denominator below its leading 1, then numerator, in powers of s/100."""
-    frequency, response = (x[1:241] for x in windowed_response(given, caused, period))  # up to 60 Hz
-    s = 2j * np.pi * frequency / _UNIT_OF_FREQUENCY
-    g = response * np.exp(2j * np.pi * frequency * delay)
+    frequency, response = empirical_response(given, caused, period)
+    late = np.exp(2j * np.pi * frequency * delay)
+    u = np.abs(np.fft.rfft(given - given.mean()))
+    used = (frequency > 0.2) & (frequency < highest_hz)
+    s = 2j * np.pi * frequency[used] / _UNIT_OF_FREQUENCY
+    g, weight = (response * late)[used], u[used] / u[used].max()
     low = s[:, None] ** np.arange(poles - 1, -1, -1.0)
     top = s[:, None] ** np.arange(zeros, -1, -1.0)
     divisor = np.ones_like(s)
     theta = np.zeros(poles + zeros + 1)
     for _ in range(20):
-        w = 1.0 / np.abs(divisor)[:, None]
+        w = (weight / np.abs(divisor))[:, None]
         m = np.hstack([g[:, None] * low, -top]) * w
         y = -(g * s**poles)[:, None] * w
         theta = np.linalg.lstsq(np.vstack([m.real, m.imag]), np.vstack([y.real, y.imag]), rcond=None)[0][:, 0]

@@ -6,12 +6,12 @@ from scipy.signal import cont2discrete, lfilter
 
 from reports.thesis.runs import (
     TransferFunction,
+    empirical_response,
     fit_output_error,
     held_input,
     response_at,
     sampled,
     velocity,
-    windowed_response,
 )
 
 T = 1e-3
@@ -59,8 +59,9 @@ def test_the_thesis_model_is_found_again_with_its_delay(command):
 
 
 def test_single_sine_and_etfe_give_the_response(command):
-    given, caused = held_input(command, T), velocity(integrated_output(LOW, command), T)
-    frequency, response = windowed_response(given, caused, T, points=1000)
+    frequency, response = empirical_response(
+        held_input(command, T), velocity(integrated_output(LOW, command), T), T, width_hz=0.5
+    )
     for hz in (5.0, 12.0, 20.0):
         near = int(np.argmin(np.abs(frequency - hz)))
         assert abs(response[near] / LOW.at(hz) - 1.0) < 0.05
