@@ -80,8 +80,8 @@ def test_numbers_of_axes_are_read(tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.slow
 @pytest.mark.skipif(why_not() is not None, reason=str(why_not()))
 def test_one_axis_in_real_time(recorded: list[Samples]) -> None:
-    (one,) = ramp(recorded, [1], 24.0, lambda line: None)
-    assert one.axes == 1 and one.looks >= 2 and one.dropped == 0
+    (one,) = ramp(recorded, [1], 14.0, lambda line: None)
+    assert one.axes == 1 and one.looks >= 1 and one.dropped == 0
     assert 0.0 < one.lag <= one.lag_99 and one.cpu_us > 1.0 and one.rss > 50 * MB
 
 
