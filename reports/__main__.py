@@ -52,6 +52,7 @@ for measure, table, words in (
      "Identify each unit from its data sheet: refusals, and do deviations come true?"),
     (datasets.scales, datasets.scales_table,
      "Read healthy logs in wrong units of measure: refused, or warned of?"),
+    (datasets.left_out, datasets.left_out_table, "Diagnose faulty logs without their fault's signatures."),
 ):  # fmt: skip
     of_data_set(measure, table, words)
 

@@ -1,8 +1,8 @@
-"""What is measured of each unit of a data set: the loss budget, identification, slips of units of measure."""
+"""What is measured of each unit of a data set: losses, identification, slips of units, faults left out."""
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
@@ -23,6 +23,7 @@ from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.diagnosis.random_effects import scattered
 from fdd.errors import InputError
+from fdd.faults import CATALOGUE
 from fdd.identification.from_logs import identify_logs
 from fdd.identification.log_scales import check_scales
 from fdd.identification.own_scales import difference_is_made
@@ -357,3 +358,50 @@ def scales_table(found: list[tuple[str, str]]) -> str:
         shares = (wilson(said.count(x), len(said)) for x in ("refused", "warned"))
         rows.append([slip, str(len(said)), *shares])
     return "\n".join(table(["log", "logs", "refused", "warned of"], rows)) + "\n"
+
+
+SAID = ("nothing", "unknown", "a neighbour", "another")
+
+
+def left_out(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[tuple[str, str]]:
+    """Fault and what was said without it (of `SAID`), for each log with one fault that balances tell of.
+
+    A neighbour is one that the whole catalogue's answer names as well, as the same log's ambiguity group.
+    """
+    return over_units(_left_out_said, [directory], Model.load(model), **how)
+
+
+def _left_out_said(data: Dataset, unit: str, model: Model) -> list[tuple[str, str]]:
+    profile, out = identified_unit(data, unit), []
+    for entry in data.logs_of(unit):
+        if len(entry.faults) != 1 or not CATALOGUE[entry.faults[0].fault].signatures:
+            continue
+        true, log, named = entry.faults[0].fault, data.samples(entry), []
+        for without in ((), (true,)):
+            pipeline = Pipeline(profile, model, keep_trajectories=False, without=without)
+            pipeline.push(log)
+            named.append(pipeline.finish().faults[:1])
+        whole, rest = named
+        group = {g for f in whole for g in f.ambiguity}
+        if not rest:
+            out.append((true, "nothing"))
+        elif rest[0].fault == "unknown":
+            out.append((true, "unknown"))
+        else:
+            out.append((true, "a neighbour" if group & {*rest[0].ambiguity} else "another"))
+    return out
+
+
+def left_out_table(said: list[tuple[str, str]]) -> str:
+    """The section of a report (Markdown)."""
+    count, kinds = Counter(said), sorted({k for k, _ in said})
+    rows = [[kind.replace("_", " "), *(str(count[kind, s]) for s in SAID)] for kind in kinds]
+    answered = [s for _, s in said if s != "nothing"]
+    right = sum(s != "another" for s in answered)
+    lines = [
+        "\n## Kinds that the catalogue does not have\n\nEach log with one fault, diagnosed without that "
+        "fault's signatures.\n",
+        *table(["left out", *SAID], rows),
+        f"Unknown or a neighbour, of those with a finding: {wilson(right, len(answered))}",
+    ]
+    return "\n".join(lines) + "\n"

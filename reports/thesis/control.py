@@ -1,4 +1,4 @@
-"""Table 6.1's dead bands; chapter 7: chatter filter, position step and ultimate gain."""
+"""Table 6.1's dead bands; chapter 7: position step and ultimate gain."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, cont2discrete, lfilter
+from scipy.signal import lfilter
 
 from fdd.identification.experiments.gain import SLIDING
 from fdd.identification.experiments.gain import dead_band as find_dead_band
 from fdd.identification.friction import curve
 from fdd.plant.details import Details
+from fdd.plant.prepare import chatter_filter
 from fdd.unit import Unit
 from reports.thesis import runs as rig
 from reports.thesis.flow import SLOPES, SPEEDS, speeds_of
@@ -131,9 +132,6 @@ def dead_band(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     return {"motor": motor, "axes": axes, "changes": changes}
 
 
-CUTOFF = 350.0
-"""rad/s of the chatter filter, section 7.1.1."""
-
 GAIN, STEP = 16_875.0, 0.1
 """(rad/s)/m and m, section 7.2."""
 TRIALS = 10
@@ -148,24 +146,11 @@ MOST = 1e6
 """(rad/s)/m, highest gain tried."""
 
 
-def discrete_filter(method: str) -> tuple[Array, Array]:
-    """Second-order Butterworth filter of 350 rad/s at 1 kHz: numerator and denominator, (3,) each.
-
-    `method`: ``zoh`` or ``bilinear`` (Tustin's rule).
-    """
-    top, bottom, _ = cont2discrete(butter(2, CUTOFF, analog=True), rig.PERIOD, method=method)
-    return np.ravel(top), np.asarray(bottom)
-
-
 def filtered_velocity(position: Array) -> Array:
     """Velocity as section 7.2 shows it: differences of the position through eq. 7.5's filter, (n,)."""
-    numerator, denominator = discrete_filter("zoh")
-    return np.asarray(lfilter(numerator, denominator, np.diff(position, prepend=position[:1]) / rig.PERIOD))
-
-
-def chatter_filter(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
-    """Section 7.1.1: recompute eq. 7.5 by zero-order hold and by Tustin's rule; no plant is needed."""
-    return {"zoh": discrete_filter("zoh"), "tustin": discrete_filter("bilinear")}
+    b1, b2, a1, a2 = chatter_filter(350.0, rig.PERIOD)
+    rate = np.diff(position, prepend=position[:1]) / rig.PERIOD
+    return np.asarray(lfilter([0.0, b1, b2], [1.0, a1, a2], rate))
 
 
 @dataclass(frozen=True)

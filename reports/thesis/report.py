@@ -32,7 +32,6 @@ EXPERIMENTS: tuple[Callable[[Unit, Unit, int], Figures], ...] = (
     response.low_speed,
     response.high_speed,
     control.dead_band,
-    control.chatter_filter,
     control.position_step,
     control.ultimate_gain,
 )

@@ -7,11 +7,11 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from reports.__main__ import app
-from reports.thesis import control, flow, report
+from reports.thesis import flow, report
 from reports.thesis.report import EXPERIMENTS, Row, anchor, report_text
 
 COMMITTED = Path(__file__).parents[2] / "reports" / "thesis.md"
-QUICK = (flow.bulk_modulus, flow.transfer_function, control.chatter_filter)
+QUICK = (flow.bulk_modulus, flow.transfer_function)
 
 
 def table_rows(text: str) -> list[list[str]]:
@@ -52,7 +52,7 @@ def test_the_committed_report_is_what_the_command_measures(monkeypatch, tmp_path
     monkeypatch.setattr(report, "EXPERIMENTS", QUICK)
     result = CliRunner().invoke(app, ["thesis", "-o", str(tmp_path)])
     assert result.exit_code == 0, result.stderr
-    assert "Chatter filter: 4 of 4 numbers meet" in result.stdout
+    assert "Bulk modulus: 2 of 2 numbers meet" in result.stdout
     made = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*.*")}
     assert made == {"thesis.md", "thesis/bulk_modulus.png"}
     committed, again = (
@@ -61,7 +61,7 @@ def test_the_committed_report_is_what_the_command_measures(monkeypatch, tmp_path
     )
     # The table's head and each section's line of how many meet are of this run.
     numbers = {row for row in again if row[1] and row[0] not in ("what", "---")}
-    assert len(numbers) == 22 and numbers <= committed
+    assert len(numbers) == 18 and numbers <= committed
 
 
 def test_text_of_made_up_findings():
