@@ -17,7 +17,7 @@ from functools import partial
 from http.client import HTTPException
 from pathlib import Path
 from typing import Any
-from urllib.request import urlopen
+from urllib.request import ProxyHandler, build_opener
 
 import yaml
 
@@ -26,6 +26,8 @@ from fdd.errors import InputError
 
 AXIS = "A1"
 STARTED_S = 120.0
+opened = build_opener(ProxyHandler({})).open
+"""An address of this machine, past any proxy."""
 MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 
 
@@ -100,7 +102,7 @@ class Process:
     def get(self, path: str) -> Any:
         """An answer of the API, None where there is none."""
         try:
-            with urlopen(f"http://127.0.0.1:{self.port}{path}", timeout=10.0) as answer:
+            with opened(f"http://127.0.0.1:{self.port}{path}", timeout=10.0) as answer:
                 body = answer.read()
             return json.loads(body) if path.startswith("/api") else body
         except (OSError, HTTPException, ValueError):

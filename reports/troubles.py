@@ -124,9 +124,10 @@ def leaking() -> Samples:
 
 def attempt(trouble: Trouble, run: Samples) -> Outcome:
     """Try a trouble in a folder of its own, sending a run in lines over TCP."""
-    blocks = enumerate(run.blocks(ROWS))
-    lines = [encode_json(Block(AXIS, block, number, "", 0.0)) + b"\n" for number, block in blocks]
-    third, sent, wrong = len(lines) // 3, len(run), list[str]()
+    lines, ends = list[bytes](), [0]
+    for number, block in enumerate(run.blocks(ROWS)):
+        lines.append(encode_json(Block(AXIS, block, number, "", 0.0)) + b"\n")
+        ends.append(ends[-1] + len(block))
     with ExitStack() as kept:
         folder = Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="fdd-troubles-")))
         if trouble.own_disk:
@@ -135,58 +136,59 @@ def attempt(trouble: Trouble, run: Samples) -> Outcome:
             kept.callback(lambda: subprocess.run(["umount", "-l", folder / "state"], check=True))
         port = free_port()
         process = Process(folder, [{"type": "tcp", "port": port}])
-        try:
-            process.start()
-            with socket.create_connection(("127.0.0.1", port), 10.0) as link:
-                link.settimeout(300.0)  # it waits where the service does not take more
-                link.sendall(b"".join(lines[:third]))
-                until(lambda: process.samples() >= third * ROWS, ARRIVED_S)
-                with trouble.during(process):
-                    part = (b"".join(lines[third : 2 * third]),)
-                    meanwhile = threading.Thread(target=link.sendall, args=part, daemon=True)
-                    meanwhile.start()
-                    said = _meanwhile(process, trouble.words, wrong)
-                meanwhile.join(ARRIVED_S)
-                link.sendall(b"".join(lines[2 * third :]))
-                until(lambda: process.samples() >= sent, ARRIVED_S)
-                if not until(lambda: not process.problems(), 30.0):
-                    wrong.append(f"afterwards health says {'; '.join(process.problems())!r}")
-                time.sleep(2.0)
-                accepted = process.samples()
-        finally:
-            process.kill()
-        # What is there after a kill and another start.
+        return _attempt(trouble, process, port, lines, ends)
+
+
+def _attempt(trouble: Trouble, process: Process, port: int, lines: list[bytes], ends: list[int]) -> Outcome:
+    """`ends`: samples in the first n `lines`."""
+    third, sent, wrong = len(lines) // 3, ends[-1], list[str]()
+    try:
         process.start()
-        # What the journal has of an unfinished frame is counted once the axis is silent.
-        until(lambda: process.samples() >= accepted, 20.0)
-        found = process.samples()
-        if (status := process.end()) != 0:
-            wrong.append(f"SIGTERM ends it with status {status}")
-        findings, actions = process.told()
-        if [fault for fault, _ in findings] != ["internal_leakage"] or actions.count("RAISED") != 1:
-            wrong.append(f"findings {findings}, alarms {actions}")
-        if accepted != sent:
-            wrong.append(f"{sent - accepted} samples were never taken")
-        wrong += [f"its log: {line[:200]}" for line in process.lines("Traceback|internal error")]
-        return Outcome(trouble.tried, trouble.how, said.replace(str(folder), "…"), sent, accepted,
-                       accepted - found, wrong)  # fmt: skip
-
-
-def _meanwhile(process: Process, words: str, wrong: list[str]) -> str:
-    """What the service says while the trouble lasts; what is not as it should be goes to `wrong`."""
-    until(process.problems, 20.0)
-    said, slowest = "; ".join(process.problems()) or "ok", 0.0
-    for path in ("/api/axes", "/metrics", "/"):
-        begun = time.monotonic()
-        if process.get(path) is None:
-            wrong.append(f"{path} is not answered meanwhile")
-        slowest = max(slowest, time.monotonic() - begun)
-    if words not in said:
-        wrong.append(f"health should say {words!r}")
-    if process.popen.poll() is not None:
-        wrong.append(f"it ended with status {process.popen.poll()}")
-    errors = process.metric("fdd_store_errors_total")
-    return f"{said}; {errors:.0f} store errors; slowest answer {slowest:.1f} s"
+        with socket.create_connection(("127.0.0.1", port), 10.0) as link:
+            link.settimeout(300.0)  # it waits where the service does not take more
+            link.sendall(b"".join(lines[:third]))
+            until(lambda: process.samples() >= ends[third], ARRIVED_S)
+            with trouble.during(process):
+                part = (b"".join(lines[third : 2 * third]),)
+                meanwhile = threading.Thread(target=link.sendall, args=part, daemon=True)
+                meanwhile.start()
+                until(process.problems, 20.0)
+                said, slowest = "; ".join(process.problems()) or "ok", 0.0
+                for path in ("/api/axes", "/metrics", "/"):
+                    begun = time.monotonic()
+                    if process.get(path) is None:
+                        wrong.append(f"{path} is not answered meanwhile")
+                    slowest = max(slowest, time.monotonic() - begun)
+                if trouble.words not in said:
+                    wrong.append(f"health should say {trouble.words!r}")
+                errors = process.metric("fdd_store_errors_total")
+                if process.popen.poll() is not None:
+                    wrong.append(f"it ended with status {process.popen.poll()}")
+            meanwhile.join(ARRIVED_S)
+            link.sendall(b"".join(lines[2 * third :]))
+            until(lambda: process.samples() >= sent, ARRIVED_S)
+            if not until(lambda: not process.problems(), 30.0):
+                wrong.append(f"afterwards health says {'; '.join(process.problems())!r}")
+            time.sleep(2.0)
+            accepted = process.samples()
+    finally:
+        process.kill()
+    said = f"{said}; {errors:.0f} store errors; slowest answer {slowest:.1f} s"
+    # What is there after a kill and another start.
+    process.start()
+    # What the journal has of an unfinished frame is counted once the axis is silent.
+    until(lambda: process.samples() >= accepted, 20.0)
+    found = process.samples()
+    if (status := process.end()) != 0:
+        wrong.append(f"SIGTERM ends it with status {status}")
+    findings, actions = process.told()
+    if [fault for fault, _ in findings] != ["internal_leakage"] or actions.count("RAISED") != 1:
+        wrong.append(f"findings {findings}, alarms {actions}")
+    if accepted != sent:
+        wrong.append(f"{sent - accepted} samples were never taken")
+    wrong += [f"its log: {line[:200]}" for line in process.lines("Traceback|internal error")]
+    said = said.replace(str(process.folder), "…")
+    return Outcome(trouble.tried, trouble.how, said, sent, accepted, accepted - found, wrong)
 
 
 def troubles(

@@ -17,7 +17,6 @@ from importlib import resources
 from pathlib import Path
 from statistics import median
 from typing import Any
-from urllib.request import urlopen
 
 import numpy as np
 import paho.mqtt.client as paho
@@ -33,7 +32,7 @@ from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
 from fdd.service.store import Store
 from fdd.unit import Unit
-from reports.service import MOSQUITTO, Process, broker, resident, until
+from reports.service import MOSQUITTO, Process, broker, opened, resident, until
 
 ROWS = 100
 """Of a block: 100 ms at 1 kHz."""
@@ -228,7 +227,7 @@ class _Watched:
 
     def _listen(self) -> None:
         events = f"http://127.0.0.1:{self.served.port}/api/events"
-        with suppress(OSError, HTTPException, ValueError), urlopen(events, timeout=60.0) as lines:
+        with suppress(OSError, HTTPException, ValueError), opened(events, timeout=60.0) as lines:
             for line in lines:  # until the service is ended
                 if line.startswith(b'data: {"kind":'):
                     event, now = json.loads(line[6:]), time.time()
