@@ -9,13 +9,7 @@ from fdd.unit import Unit
 from reports.thesis import control, flow
 from reports.thesis.friction import MODES, creeping_peaks, run_up, start_of
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_poles
-from reports.thesis.runs import (
-    VOLT,
-    TransferFunction,
-    holding_leakage,
-    run_position,
-    with_leakage,
-)
+from reports.thesis.runs import VOLT, TransferFunction, holding_leakage, run_position, with_leakage
 
 pytestmark = pytest.mark.slow
 
