@@ -82,9 +82,10 @@ def _panel(axes: Any, plot: Plot) -> None:
         style, name = trace["line"], html.unescape(trace.get("name", trace.get("legendgroup", "")))
         if "fill" in trace:
             *rgb, opacity = map(float, re.findall(r"[\d.]+", trace["fillcolor"]))
+            tint = (*np.array(rgb) / 255.0, opacity)
             for part in np.split(curve, np.flatnonzero(np.isnan(curve[:, 0]))):
-                axes.fill(*part[np.isfinite(part).all(axis=1)].T, color=(*np.array(rgb) / 255.0, opacity),
-                          linewidth=0.0, label=f"{name}, 95 %")  # fmt: skip
+                if (outline := part[np.isfinite(part).all(axis=1)]).size:
+                    axes.fill(*outline.T, color=tint, linewidth=0.0, label=f"{name}, 95 %")
         else:
             label = name if trace.get("showlegend", True) else None
             axes.plot(*curve.T, DASHES[style["dash"]], color=style["color"], linewidth=0.7 * style["width"],
