@@ -155,11 +155,11 @@ class RealTime:
 
 def real_time(case: Case, duration: float, repeats: int) -> RealTime:
     """Measure a case of `duration` s: medians of repeated runs, on one core, after everything is compiled."""
-    scenario, ready = case.scenario(duration, whole=False), case.prepared(duration)
+    scenario, ready, partner = case.scenario(duration, whole=False), case.prepared(duration), case.partner
     for _ in raw_blocks(ready):
         pass
     # The first run loads what is loaded late.
-    took = [timed(lambda: simulate(case.unit, scenario, partner=case.partner)) for _ in range(repeats + 1)]
+    took = [timed(lambda: simulate(case.unit, scenario, partner=partner)) for _ in range(repeats + 1)]
     return RealTime(case.name, duration / median(took[1:]), float(ready.memory[STEPS]) / scenario.rows)
 
 
