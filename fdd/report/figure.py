@@ -1,33 +1,34 @@
-"""A diagnosis as one figure of matplotlib, for papers and notebooks: some of the report's plots, stacked."""
+"""A diagnosis as one figure of matplotlib, for papers and notebooks."""
 
 from __future__ import annotations
 
-import base64
-import html
-import re
 from itertools import cycle
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fdd.diagnosis.findings import ESTIMATED, Diagnosis, Trajectories
+from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Trajectories
 from fdd.pictures import STYLE, require_matplotlib
-from fdd.report.plots import Figure as Plot
-from fdd.report.plots import sections
-from fdd.report.traces import ORANGE, SKY, VERMILLION
+from fdd.report.decimate import break_at_gaps, decimate, envelope, intervals
+from fdd.report.plots import ESTIMATOR_TITLES, MEASURED, y_range
+from fdd.report.traces import BLUE, GREEN, GREY, LINE_COLOURS, ORANGE, SKY, VERMILLION
 from fdd.report.words import fault_title, headline
 from fdd.samples import Samples
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Column = NDArray[np.float64]
+
 WIDTH_INCHES, PANEL_INCHES, MARGIN_INCHES = 7.2, 1.3, 1.1
 """Two columns of a journal are 180 mm wide."""
-SIGNALS = ("measured-position", "measured-pressures")
-PANELS = (*SIGNALS, *(f"estimate-{name}" for name in ESTIMATED), "statistic")
-"""What of the report's plots is drawn."""
-DASHES = {"solid": "-", "dash": "--", "dot": ":"}
+PANELS = ("Position", "Pressures")
+"""What of `MEASURED` is drawn."""
+BUCKETS = 1500
+SEVERAL = 10.0
+"""Times the threshold from which on the statistic has a logarithmic axis."""
 TITLE_WIDTH = 85
 """Characters in a line of the title."""
 
@@ -46,59 +47,89 @@ def draw_diagnosis(diagnosis: Diagnosis, trajectories: Trajectories, samples: Sa
     import matplotlib
     from matplotlib import pyplot
 
-    found = {plot.id: plot for part in sections(diagnosis, trajectories, samples) for plot in part.figures}
-    # A plot has a note where its quantity was never observable.
-    shown = [found[name] for name in PANELS if name in found and not found[name].note]
-    size = (WIDTH_INCHES, PANEL_INCHES * len(shown) + MARGIN_INCHES)
+    names = [n for n in ESTIMATED if trajectories.time.size and trajectories.observable[n].any()]
+    rows = len(PANELS) + len(names) + 1
+    size = (WIDTH_INCHES, PANEL_INCHES * rows + MARGIN_INCHES)
     with matplotlib.rc_context({**STYLE, "font.size": 8.5, "legend.fontsize": 8}):
         figure = pyplot.figure(figsize=size, dpi=150, layout="constrained")
-        panels = figure.subplots(max(len(shown), 1), 1, sharex=True, squeeze=False).ravel()
-        known: dict[str, Any] = {}
-        for axes, plot in zip(panels, shown, strict=False):
-            _panel(axes, plot)
-            if plot.id in SIGNALS:  # above the panel, where no signal is
-                axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), borderaxespad=0.0, ncols=4)
+        panels = figure.subplots(rows, 1, sharex=True, squeeze=False).ravel()
+        for axes, title in zip(panels, PANELS, strict=False):
+            _signals(axes, title, samples)
+        for axes, name in zip(panels[len(PANELS) :], names, strict=False):
+            _estimate(axes, name, diagnosis, trajectories)
+        _statistic(panels[-1], trajectories)
+        for axes in panels:
             _mark_faults(axes, diagnosis)
-            if plot.id not in SIGNALS:
-                known |= {
-                    name: handle for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
-                }
+        if len(samples):
+            panels[-1].set_xlim(samples.time[0], samples.time[-1])
         panels[-1].set_xlabel("time (s)")
         figure.align_ylabels(panels)
         title = f"{diagnosis.log}: {headline(diagnosis)}" if diagnosis.log else headline(diagnosis)
         figure.suptitle(fill(title, TITLE_WIDTH))
-        # One legend for what the other panels have in common, each kind once.
+        # One legend for what the panels have in common, each kind once.
+        known = {name: handle for axes in panels[len(PANELS) :]
+                 for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)}  # fmt: skip
         if known:
             figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=4)
     return figure
 
 
-def _panel(axes: Any, plot: Plot) -> None:
-    """One of the report's plots, from what plotly.js is given."""
-    for trace in plot.data:
-        curve = np.column_stack([
-            np.frombuffer(base64.b64decode(trace[k]["bdata"]), f"<{trace[k]['dtype']}") for k in ("x", "y")
-        ])  # fmt: skip
-        style, name = trace["line"], html.unescape(trace.get("name", trace.get("legendgroup", "")))
-        if "fill" in trace:
-            *rgb, opacity = map(float, re.findall(r"[\d.]+", trace["fillcolor"]))
-            tint = (*np.array(rgb) / 255.0, opacity)
-            for part in np.split(curve, np.flatnonzero(np.isnan(curve[:, 0]))):
-                if (outline := part[np.isfinite(part).all(axis=1)]).size:
-                    axes.fill(*outline.T, color=tint, linewidth=0.0, label=f"{name}, 95 %")
-        else:
-            label = name if trace.get("showlegend", True) else None
-            axes.plot(*curve.T, DASHES[style["dash"]], color=style["color"], linewidth=0.7 * style["width"],
-                      label=label)  # fmt: skip
-    for shape in (s for s in plot.layout["shapes"] if s["type"] == "rect"):
-        axes.axvspan(shape["x0"], shape["x1"], color="0.93", linewidth=0.0, zorder=0, label="not observable")
-    axes.set_xlim(plot.layout["xaxis"]["range"])
-    if "range" in plot.layout["yaxis"]:
-        axes.set_ylim(plot.layout["yaxis"]["range"])
-    axes.set_yscale(plot.layout["yaxis"].get("type", "linear"))
-    short = plot.title.removesuffix(" coefficient").removeprefix("Effective ")
-    unit = f"\n({plot.unit.replace('1e-12', '10⁻¹²')})" if plot.unit else ""
-    axes.set_ylabel((short if short.startswith("Coulomb") else short.lower()) + unit)
+def _line(axes: Any, time: Column, values: Column, **style: Any) -> None:
+    axes.plot(*decimate(*break_at_gaps(time, values), BUCKETS), **{"linewidth": 1.0, **style})
+
+
+def _signals(axes: Any, wanted: str, samples: Samples) -> None:
+    title, unit, channels, factor = next(m for m in MEASURED if m[0] == wanted)
+    shown = [(channel, name) for channel, name in channels if channel in samples]
+    for number, (channel, name) in enumerate(shown):
+        style = ":" if channel == "position_setpoint" else "-"
+        _line(axes, samples.time, factor * samples[channel], label=name, color=LINE_COLOURS[number],
+              linestyle=style, linewidth=0.8)  # fmt: skip
+    axes.set_ylabel(f"{title.lower()}\n({unit})")
+    if shown:  # above the panel, where no signal is
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), borderaxespad=0.0, ncols=len(shown))
+
+
+def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> None:
+    _, unit, title = ESTIMATED[name]
+    scale, time, seen = DISPLAY_SCALE[name], trajectories.time, trajectories.observable[name]
+    lines, bands = [], []
+    for number, (key, values) in enumerate(trajectories.estimates.items()):
+        if not values[name].size:
+            continue
+        colour, called = LINE_COLOURS[number], ESTIMATOR_TITLES.get(key, key.upper())
+        shown = np.where(seen, scale * values[name], np.nan)
+        half = 2.0 * scale * trajectories.stds[key][name]
+        band = envelope(time, shown - half, shown + half, BUCKETS)
+        axes.fill_between(*band, color=colour, alpha=0.2, linewidth=0.0, label=f"{called}, 95 %")
+        # The filters are often one on the other: the first is solid.
+        _line(axes, time, shown, color=colour, linestyle=(0, (3, 3)) if number else "-", label=called)
+        lines.append(shown)
+        bands += [shown - half, shown + half]
+    found = diagnosis.estimates.get(name)
+    baseline = None if found is None or found.baseline is None else scale * found.baseline
+    if baseline is not None:
+        axes.axhline(baseline, color=GREEN, linestyle="--", linewidth=1.0, label="healthy")
+    for start, stop in intervals(time, ~seen):
+        axes.axvspan(start, stop, color="0.93", linewidth=0.0, zorder=0, label="not observable")
+    span = y_range(lines, bands, baseline)
+    if span is not None:
+        axes.set_ylim(*span)
+    short = title.removesuffix(" coefficient").removeprefix("Effective ")
+    short = short if short.startswith("Coulomb") else short.lower()
+    axes.set_ylabel(f"{short}\n({unit.replace('1e-12', '10⁻¹²')})")
+
+
+def _statistic(axes: Any, trajectories: Trajectories) -> None:
+    time, statistic, threshold = trajectories.window_time, trajectories.statistic, trajectories.threshold
+    axes.plot(time, statistic, color=BLUE, linewidth=1.0, drawstyle="steps-post")
+    axes.axhline(threshold, color=GREY, linestyle="-.", linewidth=1.0, label="threshold of an alarm")
+    if np.isfinite(trajectories.even):
+        axes.axhline(trajectories.even, color=GREY, linestyle=":", linewidth=1.0, label="this log, faulty")
+    if statistic.size and threshold > 0.0 and np.nanmax(statistic) > SEVERAL * threshold:
+        axes.set_yscale("log")
+        axes.set_ylim(bottom=threshold / SEVERAL)
+    axes.set_ylabel("test statistic\n(–)")
 
 
 def _mark_faults(axes: Any, diagnosis: Diagnosis) -> None:
