@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from half_steps import CASES, half_steps
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
@@ -14,17 +13,41 @@ from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import raw_blocks, simulate, stream
 from fdd.unit import Unit
 from reports.plant import wild as robustness
-from reports.plant.report import WORK, Case
+from reports.plant.cases import Case, Cases
+from reports.plant.numerics import against_half_steps, against_radau
 from reports.plant.wild import draw_wild, try_wild
+
+CASES = {case.name: case for case in Cases().numerics}
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
-    rms = half_steps(name, 4.0)
+    """The numerics alone, without the encoder's steps in the loop; `python -m reports plant` runs longer."""
+    difference = against_half_steps(CASES[name].without_encoder_steps(), 4.0)
+    assert set(difference.rms) >= {"position", "pressure_difference", "pump_speed", "motor_current"}
+    assert difference.worst < 0.1
+    assert difference.rms["pressure_difference"] < 1e-3
     # Far finer than noise: 65536 counts a turn, and nothing brings the angle back.
-    assert rms.pop("pump_angle") < 1.0
-    assert set(rms) == {"position", "pressure_difference", "pump_speed", "motor_current"}
-    assert max(rms.values()) < 0.1 and rms["pressure_difference"] < 1e-3
+    assert difference.rms["pump_angle"] < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "duration"),
+    [
+        ("prbs, stiffest bristles", 0.25),
+        ("prbs of speed, coupling and check valve", 0.25),
+        ("flight, gust, aeration", 0.25),
+    ],
+)
+def test_radau_agrees_within_a_tenth_of_the_sensors(name, duration):
+    """SciPy's implicit solver on the same right-hand side and commands, tolerance 1e-10."""
+    case = CASES[name]
+    states, _ = case.states(duration)
+    assert np.ptp(states[:, s.X]) > 1e-4
+    difference = against_radau(case, duration)
+    assert difference.worst < 0.1
+    assert difference.rms["pump_angle"] < 0.5
 
 
 def _errors(case: Case, refinements: list[float]) -> list[float]:
@@ -38,7 +61,7 @@ def _errors(case: Case, refinements: list[float]) -> list[float]:
 
 def test_refining_converges_fast():
     """Each halving takes the error down by far more than a second-order rule's four, on the whole."""
-    errors = _errors(WORK, [0.5, 1.0, 2.0, 4.0, 8.0])
+    errors = _errors(Cases().work, [0.5, 1.0, 2.0, 4.0, 8.0])
     assert all(finer < coarser for coarser, finer in pairwise(errors))
     assert errors[0] / errors[-1] > 8.0**4
     assert errors[1] < 1.0

@@ -2,23 +2,37 @@
 
 import pytest
 
-from reports.plant.report import WORK, Plan, RealTime, report_text, work_precision
+from reports.plant.cases import Cases
+from reports.plant.numerics import RealTime, against_half_steps, work_precision
+from reports.plant.report import Measured, Plan, report_text
 from reports.plant.wild import Outcome
 
 pytestmark = pytest.mark.slow
+CASES = Cases()
 
 
-def test_peers_solve_the_same_and_the_report_says_what_was_found():
-    work, trust = work_precision(WORK, 0.06, 1)
-    ours = [point for point in work if point.solver == "this plant"]
+@pytest.fixture(scope="module")
+def measured() -> Measured:
+    work, trust = work_precision(CASES.work, 0.06, 1)
+    halved = against_half_steps(CASES.numerics[1], 1.5)
+    return Measured(
+        Plan(), [RealTime("steps", 320.0, 1.5), RealTime("two axes", 100.0, 1.5)], work, trust,
+        [halved], [halved], [Outcome(0, [], 1e4, -0.1, 2.0), Outcome(7, ["NaN"])],
+    )  # fmt: skip
+
+
+def test_errors_fall_as_work_rises(measured):
+    ours = [point for point in measured.work if point.solver == "this plant"]
     assert [point.evaluations for point in ours] == sorted(point.evaluations for point in ours)
     assert ours[-1].pressure < ours[0].pressure
-    assert {point.solver for point in work} == {"this plant", "SciPy RK45", "SciPy LSODA", "SciPy Radau"}
-    tight = [point for point in work if point.setting == "rtol 1e-09"]
-    assert len(tight) == 3 and all(point.pressure < 50.0 for point in tight), "Pa; the sensor's noise is 7000"
-    speed = [RealTime("steps", 320.0, 1.5), RealTime("two axes", 100.0, 1.5)]
-    text = report_text(Plan(), speed, work, trust, [Outcome(0, [], 1e4, -0.1, 2.0), Outcome(7, ["NaN"])])
-    for told in ("320", "steps, has 320: met", "seed 7: NaN", "refine 1", "SciPy Radau"):
+    peers = {"SciPy RK45", "SciPy LSODA", "SciPy Radau"}
+    assert {point.solver for point in measured.work} == {"this plant", *peers}
+
+
+def test_the_report_says_what_was_found(measured):
+    text = report_text(measured)
+    for told in ("320", "steps, has 320: met", "seed 7: NaN", "refine 1", "SciPy Radau", "28 µrad"):
         assert told in text
-    missed = report_text(Plan(), [RealTime("sines", 299.0, 1.5)], work, trust, [])
+    slow = [RealTime("sines", 299.0, 1.5)]
+    missed = report_text(Measured(measured.plan, slow, measured.work, measured.trust))
     assert "299: missed" in missed and "Robustness" not in missed
