@@ -11,10 +11,9 @@ import typer
 from fdd.cli.console import counted
 from fdd.cli.failures import Commands, prepare_process
 from fdd.cli.options import EngineOption, WorkersOption
-from reports import budget, datasets, disturbed
+from reports import datasets, disturbed
 from reports.estimators.report import estimators
-from reports.live.report import load, outage
-from reports.live.soak import soak
+from reports.live.report import load, outage, soak
 from reports.plant.report import plant
 from reports.thesis.report import thesis
 from reports.troubles import troubles
@@ -47,7 +46,8 @@ def of_data_set(measure: Callable[..., Any], table: Callable[[Any], str], words:
 
 
 for measure, table, words in (
-    (budget.budget, budget.table, "Where visible faults are lost, and what healthy logs differ by."),
+    (datasets.budget, datasets.budget_table,
+     "Where visible faults are lost, and what healthy logs differ by."),
     (datasets.identification, datasets.identification_table,
      "Identify each unit from its data sheet: refusals, and do deviations come true?"),
     (datasets.scales, datasets.scales_table,

@@ -1,8 +1,9 @@
-"""What is measured of each unit of a data set: identification, slips of units of measure, faults left out."""
+"""What is measured of each unit of a data set: losses, identification, slips of units, faults left out."""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -10,12 +11,17 @@ from typing import Unpack
 
 import numpy as np
 
-from fdd.campaign.dataset import Dataset
+from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.scores import wilson
+from fdd.campaign.spreads import healthy_logs
 from fdd.campaign.train import identified_unit
 from fdd.campaign.units import How, over_units
+from fdd.diagnosis.departures import VAGUE, departures
+from fdd.diagnosis.evidence import Evidence
+from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.diagnosis.random_effects import scattered
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 from fdd.identification.from_logs import identify_logs
@@ -23,9 +29,146 @@ from fdd.identification.log_scales import check_scales
 from fdd.identification.own_scales import difference_is_made
 from fdd.identification.profile import Identification
 from fdd.markdown import table
+from fdd.residuals.balance_history import BalanceHistory
+from fdd.residuals.balances import BALANCES
 from fdd.residuals.oil import modulus_at, viscosity
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
+
+LEAST_SEVERITY = 0.3
+TOLD = 0.3
+"""Information of a coefficient in a log over that of its spread, from which its departure says something."""
+LEAST_LOGS, FARTHEST = 30, 12
+BEYOND = 3.0
+
+
+@dataclass(frozen=True)
+class Said:
+    """One log's answer. score : of the whole log. faults : answered, the surest first, with groups."""
+
+    entry: Entry
+    verdict: str
+    score: float
+    faults: tuple[tuple[str, tuple[str, ...]], ...]
+
+    @property
+    def named(self) -> bool:
+        """Whether a true fault is in the first answer's group."""
+        return bool(self.faults) and any(f.fault in self.faults[0][1] for f in self.entry.faults)
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A coefficient of a healthy log over what is stated."""
+
+    balance: str
+    coefficient: str
+    z: float
+    stated: float
+    file: str
+
+
+def budget(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Said | Departure]:
+    """Answers on all logs, and departures of all healthy logs and twins from their units' baselines."""
+    return over_units(_unit, [directory], Model.load(model), **how)
+
+
+def _unit(data: Dataset, name: str, model: Model) -> list[Said | Departure]:
+    logs = healthy_logs(data, name, model.spreads)
+    out: list[Said | Departure] = []
+    for entry in data.logs_of(name):
+        pipeline = Pipeline(logs.unit, model, keep_trajectories=False)
+        pipeline.push(data.samples(entry))
+        found = pipeline.finish()
+        faults = tuple((f.fault, tuple(f.ambiguity)) for f in found.faults)
+        out.append(Said(entry, found.verdict, pipeline.score, faults))
+    for file, history in logs.healthy:
+        out += _departures(file, history)
+    return out
+
+
+def _departures(file: str, history: BalanceHistory) -> list[Departure]:
+    """Each coefficient by itself, of any size and sign, from the log's start on."""
+    out = []
+    effects = history.expected()
+    for name, (m, v) in history.marginalised().items():
+        e = effects[name]
+        own = [k for k, c in enumerate(BALANCES[name].columns) if c not in BALANCES[name].free]
+        profiles, vague = np.ones((len(own), 1, len(m))), np.full((len(own), 1), VAGUE)
+        parts = Parts(
+            {name: np.eye(len(e.mean))[own][:, None]}, profiles, vague, np.zeros(len(own), np.bool_)
+        )
+        scatter = np.full(len(own), scattered(m, v, e)[1])
+        balances = Evidence({name: (m, v)}, effects).balances
+        found = departures(balances, parts, scatter, from_start=True)
+        stated = np.sqrt(np.diag(e.covariance))[own]
+        z = found.size * np.sqrt(found.information)
+        out += [
+            Departure(name, BALANCES[name].columns[own[k]], float(z[k]), float(stated[k]), file)
+            for k in np.flatnonzero(found.information * np.square(stated) > TOLD)
+        ]
+    return out
+
+
+def budget_table(found: Sequence[Said | Departure]) -> str:
+    """Where visible faults are lost, and what healthy logs differ by (Markdown)."""
+    said = [x for x in found if isinstance(x, Said)]
+    return "\n".join([*_faults(said), *_healthy([x for x in found if isinstance(x, Departure)])]) + "\n"
+
+
+def _faults(said: Sequence[Said]) -> list[str]:
+    healthy = [s for s in said if not s.entry.faults]
+    mine = [
+        s for s in said
+        if len(s.entry.faults) == 1 and s.entry.visible and s.entry.faults[0].severity >= LEAST_SEVERITY
+    ]  # fmt: skip
+    by: list[tuple[str, Callable[[Said], str]]] = [
+        ("all", lambda s: ""),
+        ("onset", lambda s: "from the first sample" if s.entry.faults[0].onset_s <= 0.0 else "inside"),
+        ("course", lambda s: s.entry.faults[0].profile),
+        ("fault", lambda s: s.entry.faults[0].fault.replace("_", " ")),
+        ("load", lambda s: s.entry.scenario.load),
+        ("structure", lambda s: s.entry.structure),
+    ]
+    rows = []
+    for title, of in by:
+        groups = defaultdict[str, list[Said]](list)
+        for s in mine:
+            groups[of(s)].append(s)
+        for name, each in sorted(groups.items()):
+            rows.append([
+                title, name, wilson(sum(s.verdict == "faulty" for s in each), len(each)),
+                wilson(sum(s.verdict == "faulty" and s.named for s in each), len(each)),
+            ])  # fmt: skip
+    alarmed = sum(s.verdict == "faulty" for s in healthy)
+    highest = sorted(healthy, key=lambda s: -s.score)[:FARTHEST]
+    largest = [f"{s.entry.file} {s.score:.1f}" for s in highest]
+    return [
+        f"Visible single faults of severity {LEAST_SEVERITY:g} and more; healthy logs called faulty: "
+        f"{wilson(alarmed, len(healthy))}\n",
+        *table(["by", "", "faulty", "named"], rows),
+        f"Healthy logs with the largest scores: {', '.join(largest)}\n",
+    ]
+
+
+def _healthy(found: Sequence[Departure]) -> list[str]:
+    groups = defaultdict[tuple[str, str], list[Departure]](list)
+    for d in found:
+        groups[d.balance, d.coefficient].append(d)
+    rows = []
+    for (balance, coefficient), each in groups.items():
+        if len(each) < LEAST_LOGS:
+            continue
+        z = np.array([d.z for d in each])
+        far = max(each, key=lambda d: abs(d.z))
+        rows.append([
+            balance, coefficient, str(len(each)), f"{1.4826 * np.median(np.abs(z)):.2f}",
+            f"{np.sqrt(np.mean(z**2)):.2f}", wilson(int(np.sum(np.abs(z) > BEYOND)), len(each)),
+            f"{np.median([d.stated for d in each]):.3g}", f"{far.file} {far.z:+.1f}",
+        ])  # fmt: skip
+    head = ["balance", "coefficient", "logs", "median", "rms", "beyond 3 std", "stated", "farthest"]
+    return ["\nHealthy departures over what is stated\n", *table(head, rows)]
+
 
 SINGLE_ROD = 0.95
 """Ratio of areas below which a rod stands on one side."""
@@ -82,7 +225,7 @@ def _identified(data: Dataset, name: str) -> list[Told]:
         (u.pump.displacement / u.cylinder.area_1, u.cylinder.area_2 / u.cylinder.area_1)
         for u in (made.found.unit, reachable)
     )
-    refusals, off = tuple(made.judged.refusals), departures(made.found, reachable)
+    refusals, off = tuple(made.judged.refusals), standardised(made.found, reachable)
     return [Told(name, structure, refusals, single, travel / true_travel, ratio / true_ratio, off)]
 
 
@@ -108,7 +251,7 @@ def counted(true: Unit, sheet: Unit) -> Unit:
     return unit
 
 
-def departures(found: Identification, true: Unit) -> dict[str, float]:
+def standardised(found: Identification, true: Unit) -> dict[str, float]:
     """(identified - true) / std of each number that was identified; `true` as `counted` gives it."""
     cylinder, oil = found.unit.cylinder, found.unit.oil
     rows = {r.quantity: r for r in found.table if r.identified is not None and r.std is not None}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import os
 import re
@@ -15,8 +14,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any
+from urllib.request import ProxyHandler, build_opener
 
 import yaml
 
@@ -25,6 +26,8 @@ from fdd.errors import InputError
 
 AXIS = "A1"
 STARTED_S = 120.0
+opened = build_opener(ProxyHandler({})).open
+"""An address of this machine, past any proxy."""
 MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 
 
@@ -97,17 +100,13 @@ class Process:
         until(lambda: self.get("/api/health") or self.popen.poll() is not None, STARTED_S)
 
     def get(self, path: str) -> Any:
-        """An answer of the API, None where there is none; as another client than those that attack."""
-        link = http.client.HTTPConnection("127.0.0.1", self.port, 10.0, source_address=("127.0.0.2", 0))
+        """An answer of the API, None where there is none."""
         try:
-            link.request("GET", path)
-            answer = link.getresponse()
-            body = answer.read()
-            return None if answer.status != 200 else json.loads(body) if path.startswith("/api") else body
-        except (OSError, http.client.HTTPException, ValueError):
+            with opened(f"http://127.0.0.1:{self.port}{path}", timeout=10.0) as answer:
+                body = answer.read()
+            return json.loads(body) if path.startswith("/api") else body
+        except (OSError, HTTPException, ValueError):
             return None
-        finally:
-            link.close()
 
     def problems(self) -> list[str]:
         """What `/api/health` complains of."""

@@ -1,1 +1,1 @@
-"""How well the EHA estimators do: against the Cramér-Rao bound and filterpy."""
+"""How well the EHA estimators do: against the Cramér-Rao bound."""

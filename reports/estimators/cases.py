@@ -1,7 +1,7 @@
 """The cases of the benchmark, what really happened in a run, and what the estimators take for noise.
 
 The noise is written from the documentation of `estimators.eha.noise` and not by calling the tracker: the
-worlds that are drawn, the bound and the peers have the same statement to start from.
+worlds that are drawn, the bound and filterpy's filter have the same statement to start from.
 """
 
 from __future__ import annotations

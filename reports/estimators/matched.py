@@ -29,19 +29,8 @@ from estimators.eha.update import MOVING, propagate
 from estimators.kernels import scalar_update
 from fdd.plant.duty import DUTIES
 from fdd.unit import Unit
-from reports.estimators.cases import (
-    FORCE_PERIOD,
-    LOW_SIDE,
-    LOW_SIDE_TIME,
-    MOTIONS,
-    SETTLING,
-    Array,
-    Assumed,
-    Case,
-    Rows,
-    Trajectory,
-    chamber_noise,
-)
+from reports.estimators import cases
+from reports.estimators.cases import Array, Assumed, Case, Rows, Trajectory, chamber_noise
 from reports.estimators.compiled import njit
 
 FASTEST = 0.1
@@ -93,7 +82,7 @@ def draw(
     Gives `truth`: the run. `block`: (n, 9) what the case's sensors show, as `EhaTracker.push` takes it.
     """
     n = round(duration * 1e3)
-    motion = MOTIONS[case.duty]
+    motion = cases.MOTIONS[case.duty]
     setpoint = DUTIES[motion["name"]](**motion).setpoint(n + 1, True, rng)
     smooth = sosfiltfilt(butter(2, SMOOTH_HZ, fs=1000.0, output="sos"), _limited(setpoint, FASTEST * 1e-3))
     position = np.asarray(smooth) * 1e3
@@ -114,14 +103,14 @@ def draw(
         parameters[row:, jump.state] += (jump.factor - 1.0) * changed + jump.shift
     for state, least in LEAST.items():
         parameters[:, state] = least + np.abs(parameters[:, state] - least)
-    errors = rng.standard_normal(n // FORCE_PERIOD + 2) * prior.sizes.force_mean
+    errors = rng.standard_normal(n // cases.FORCE_PERIOD + 2) * prior.sizes.force_mean
     force = _force(position, parameters, model, errors)
     volumes = rng.standard_normal((n + 1, 2)) * prior.sizes.small
     states = np.empty((n, eha.STATES))
     if case.minimum:
         # The chamber that is fed stays as near to the charge as the filter thinks, and moves as slowly.
-        accumulator, slow = float(model.accumulator_pressure), 1.0 / LOW_SIDE_TIME
-        steps = LOW_SIDE * rng.standard_normal(n + 1)
+        accumulator, slow = float(model.accumulator_pressure), 1.0 / cases.LOW_SIDE_TIME
+        steps = cases.LOW_SIDE * rng.standard_normal(n + 1)
         steps[1:] *= np.sqrt(2.0 * slow)
         away = gaussian_filter1d(lfilter([1.0], [1.0, slow - 1.0], steps), LOW_SMOOTHING, mode="nearest")
         low = np.maximum(accumulator + away, LEAST_PRESSURE)
@@ -185,7 +174,7 @@ def _force(position: Array, parameters: Array, model: eha.Parameters, errors: Ar
     acceleration = np.diff(v, prepend=v[0]) * 1e3
     smooth = gaussian_filter1d(kinds, SMOOTHING, mode="nearest")
     sums = CubicSpline(np.arange(errors.size + 1), np.concatenate([[0.0], np.cumsum(errors)]))
-    error = sums((np.arange(v.size) + 0.5) / FORCE_PERIOD, 1)
+    error = sums((np.arange(v.size) + 0.5) / cases.FORCE_PERIOD, 1)
     return np.asarray(smooth + error + (model.moving_mass + p[:, eha.INERT]) * acceleration)
 
 
@@ -271,7 +260,7 @@ def eha_bound(truth: Trajectory, q: eha.Parameters, prior: Assumed, minimum: boo
     r[0], r[1] = sizes.position**2, sizes.angle**2
     if minimum:
         H[2, eha.P1], H[2, eha.P2] = 1.0, -1.0
-        r[2], r[3] = sizes.difference**2, LOW_SIDE**2 * LOW_SIDE_TIME
+        r[2], r[3] = sizes.difference**2, cases.LOW_SIDE**2 * cases.LOW_SIDE_TIME
     else:
         H[2, eha.P1] = H[3, eha.P2] = 1.0
         r[2] = r[3] = sizes.pressure**2
@@ -302,17 +291,17 @@ def eha_bound(truth: Trajectory, q: eha.Parameters, prior: Assumed, minimum: boo
             sliding += 1
         else:
             sliding = 0
-        place = k % FORCE_PERIOD
+        place = k % cases.FORCE_PERIOD
         if place == 0:
             force[:] = 0.0
-        force[eha.FRIC] += eha.friction_curve(v, q)[0] / FORCE_PERIOD
-        force[eha.VISC] += v / FORCE_PERIOD
-        force[eha.SKEW] += abs(v) / FORCE_PERIOD
+        force[eha.FRIC] += eha.friction_curve(v, q)[0] / cases.FORCE_PERIOD
+        force[eha.VISC] += v / cases.FORCE_PERIOD
+        force[eha.SKEW] += abs(v) / cases.FORCE_PERIOD
         force[eha.LOAD] = 1.0
-        force[eha.STIF] += x[eha.X] / FORCE_PERIOD
-        force[eha.THROT] += v * abs(v) / FORCE_PERIOD
-        if place == FORCE_PERIOD - 1 and sliding >= SETTLING:
-            force[eha.INERT] = (v - states[k - FORCE_PERIOD + 1, eha.V]) / FORCE_PERIOD * 1e3
+        force[eha.STIF] += x[eha.X] / cases.FORCE_PERIOD
+        force[eha.THROT] += v * abs(v) / cases.FORCE_PERIOD
+        if place == cases.FORCE_PERIOD - 1 and sliding >= cases.SETTLING:
+            force[eha.INERT] = (v - states[k - cases.FORCE_PERIOD + 1, eha.V]) / cases.FORCE_PERIOD * 1e3
             scalar_update(P, force, sizes.force_mean**2, k_gain, scratch)
         if wanted < rows.size and rows[wanted] == k:
             for i in range(n):

@@ -1,4 +1,4 @@
-"""``python -m reports estimators``: how well they do, beside the bound and filterpy."""
+"""``python -m reports estimators``: how well they do, beside the bound; speed beside filterpy's."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from fdd.cli.console import progress
 from fdd.errors import InputError
 from fdd.residuals.tracking import METHODS
 from reports.estimators.cases import QUANTITIES, TRACKED
-from reports.estimators.peers import PEERS
-from reports.estimators.runs import GRID, WORLDS, Measured, Plan, measure, measure_speed
+from reports.estimators.runs import GRID, PEER, WORLDS, Measured, Plan, measure, measure_speed
 from reports.writing import FOLDER, OutOption, Panel, draw, made_by, render, require_folder, write_report
 
 WITHIN_BOUND, COVERED, HALF_WITHIN = 1.5, 0.9, 2.0
@@ -36,18 +35,17 @@ def estimators(
     runs: Annotated[int, typer.Option(min=2, max=10_000, help="Runs of each case.")] = 100,
     workers: Annotated[int, typer.Option(min=1, max=256, help="Processes.")] = 2,
     seed: Annotated[int, typer.Option(min=0, help="Fixes everything random.")] = 0,
-    peers: Annotated[int, typer.Option(min=0, max=1000, help="Runs of each case beside filterpy.")] = 3,
     speed: Annotated[bool, typer.Option(help="Measure speed too.")] = True,
 ) -> None:
     """Measure how well the EHA estimators do: errors, consistency, speed of response (7 min)."""
     require_folder(out, pictures=True)
-    if peers and find_spec("filterpy") is None:
-        raise InputError("filterpy, the peer, is not installed", mend="install fdd[test], or give --peers 0")
+    if speed and find_spec("filterpy") is None:
+        raise InputError("filterpy, the peer, is not installed", mend="install fdd[test], or give --no-speed")
     # First, while nothing of this command runs beside it.
     with progress("measuring speed"):
         timed = {"speed": measure_speed()} if speed else {}
     with progress("measuring the estimators", 1.0) as advance:
-        plan = Plan(runs=runs, peers=peers, seed=seed)
+        plan = Plan(runs=runs, seed=seed)
         found = measure(plan, workers, advance) | timed
     draw_pictures(found, out / "estimators")
     for world in WORLDS:
@@ -61,9 +59,9 @@ def report_text(plan: Plan, found: Measured) -> str:
     return render(
         Path(__file__).with_name("estimators.md.j2"), made_by=made_by("estimators"), plan=plan, worlds=WORLDS,
         found=found, goals={world: goals(found, world) for world in WORLDS},
-        errors=partial(_errors, found), halves=partial(_halves, found), words=_words, peers=PEERS,
+        errors=partial(_errors, found), halves=partial(_halves, found), words=_words,
         coverage=lambda world: _grouped(_within(coverage(found["consistency"]), world), "case", "method"),
-        beside_peers=partial(_beside_peers, found), methods=METHODS, quantities=QUANTITIES,
+        methods=METHODS, quantities=QUANTITIES,
         speed=_speed(found["speed"]) if "speed" in found else None,
     )  # fmt: skip
 
@@ -185,24 +183,13 @@ def _halves(found: Measured) -> Iterator[tuple[str, str, list[float]]]:
         yield world, quantity, [t for half in halves for t in (float(np.median(half)), late_half(half))]
 
 
-def _beside_peers(found: Measured) -> Iterator[tuple[str, str, str, list[tuple[float, int]], float]]:
-    """World, case, quantity, each filter's RMSE and runs that it lost, and the bound."""
-    shares = _percent(found["peers"], ["error", "bound"])
-    for (world, case, quantity), runs in _grouped(shares, "world", "case", "quantity"):
-        errors = [runs[runs["method"] == name].set_index("run")["error"] for name in (*PEERS, *METHODS)]
-        lost = [int(each.isna().groupby(level="run").any().sum()) for each in errors]
-        figures = [(_rms(each.dropna()), n) for each, n in zip(errors, lost, strict=True)]
-        yield world, case, quantity, figures, _rms(runs["bound"])
-
-
 def _speed(timed: pd.DataFrame) -> dict[str, object]:
     """Verdicts on speed, the figures, and on what they were measured."""
     took = timed["median"]
+    ratio = took[PEER] / took["EKF"]
     verdicts = [(f"{m} within {MOST_MICROSECONDS:g} µs a sample", took[m], "µs", took[m] <= MOST_MICROSECONDS)
                 for m in ("EKF", "SVSF")]  # fmt: skip
-    if PEERS[0] in took:
-        ratio = took[PEERS[0]] / took["EKF"]
-        verdicts.append((f"{LEAST_PEER:g} times filterpy's speed", ratio, "times", ratio >= LEAST_PEER))
+    verdicts.append((f"{LEAST_PEER:g} times filterpy's speed", ratio, "times", ratio >= LEAST_PEER))
     return {"verdicts": verdicts, "took": timed, "samples": int(timed["samples"].iloc[0]), "hour": 3.6 * took}
 
 

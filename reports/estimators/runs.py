@@ -1,4 +1,4 @@
-"""What is run: a case in either world, filterpy beside it, and a sudden change of one parameter.
+"""What is run: a case in either world, a sudden change of one parameter, and both filters' speed.
 
 In the plant world the estimators get axis A's profile, and the unit that is simulated differs from it as the
 filter's initial spread says: leakage, free air (and with it the bulk modulus), pump gain, the friction
@@ -14,7 +14,6 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 from itertools import product
 from typing import Any
 
@@ -33,24 +32,8 @@ from fdd.plant.simulate import simulate
 from fdd.plant.truth import Truth
 from fdd.residuals.tracking import Channels, Tracking, estimates, observability
 from fdd.unit import Unit
-from reports.estimators import matched
-from reports.estimators.cases import (
-    CASES,
-    DURATION,
-    LOADS,
-    MOTIONS,
-    QUANTITIES,
-    TRACKED,
-    WINDOW,
-    Array,
-    Assumed,
-    Case,
-    Rows,
-    Trajectory,
-    assumed,
-    quantities,
-)
-from reports.estimators.peers import PEERS, run_peer
+from reports.estimators import cases, matched
+from reports.estimators.cases import QUANTITIES, Array, Assumed, Case, Rows, Trajectory
 
 WORLDS = ("matched", "plant")
 CHECKS = 5
@@ -64,10 +47,8 @@ ONSET, AFTER, BEFORE = 10.0, 6.0, 0.5
 GRID = np.arange(0.0, AFTER, 0.05)
 """s after the change at which the response is kept."""
 
-PEER_CASES = ("steps, constant, all", "sines, spring, all", "sines, spring, minimum")
-PEER_DURATION = 8.0
-"""s; filterpy is slow."""
-BY_NAME = {case.name: case for case in CASES}
+PEER = "filterpy EKF"
+BY_NAME = {case.name: case for case in cases.CASES}
 
 
 @dataclass(frozen=True)
@@ -83,7 +64,7 @@ class Data:
 
 
 def prepare(
-    world: str, case: Case, seed: tuple[int, ...], duration: float = DURATION, change: str = ""
+    world: str, case: Case, seed: tuple[int, ...], duration: float = cases.DURATION, change: str = ""
 ) -> Data:
     """Make one run's data, with a sudden change of a quantity of `CHANGE` where one is named."""
     rng = np.random.default_rng(np.random.SeedSequence(seed))
@@ -91,15 +72,15 @@ def prepare(
     if world == "matched":
         unit = matched.matched_unit(unit)
     tracking = Tracking(unit, Channels(case.channels), 1e-3)
-    prior = assumed(tracking.trackers["ekf"])
+    prior = cases.assumed(tracking.trackers["ekf"])
     if world == "matched":
         jump = _jump(change, unit, tracking.model) if change else None
         truth, block = matched.draw(case, duration, tracking.model, prior, rng, jump)
         return Data(case, unit, tracking, prior, block, truth)
     rig, details, gain = draw_rig(unit, prior, rng)
     scenario = Scenario(
-        unit=rig.name, duration=duration, duty=MOTIONS[case.duty], load=LOADS[case.load], details=details,
-        seed=int(rng.integers(2**62)), recording=Recording.perfect(),
+        unit=rig.name, duration=duration, duty=cases.MOTIONS[case.duty], load=cases.LOADS[case.load],
+        details=details, seed=int(rng.integers(2**62)), recording=Recording.perfect(),
         **(_fault(change, rig) if change else {}),
     )  # fmt: skip
     out = simulate(rig, scenario)
@@ -180,44 +161,27 @@ def _estimates(data: Data, records: layout.Records) -> tuple[dict[str, Array], d
         return estimates(records, data.unit, data.tracking.model)
 
 
-def _quantities(data: Data, rows: Rows, states: Array, variances: Array | None = None) -> tuple[Array, Array]:
-    """Quantities and deviations, (4, k) each, SI, of states (k, STATES) at the run's `rows`."""
-    seen = np.ones(rows.size) if data.case.minimum else data.truth.viscosity[rows]
-    spread = np.zeros_like(states) if variances is None else variances
-    return quantities(states, spread, seen, data.unit, data.tracking.model)
-
-
-def _true_and_bound(data: Data, rows: Rows) -> tuple[Array, Array]:
-    """The true quantities at some rows and the bound of their standard deviations, (4, k) each, SI."""
-    truth, model = data.truth, data.tracking.model
-    variances = matched.eha_bound(truth, model, data.prior, data.case.minimum, rows)
-    return quantities(truth.states[rows], variances, truth.viscosity[rows], data.unit, model)
-
-
-def _rows_of(method: str, **each: Array) -> pd.DataFrame:
-    """A row for each quantity and check; arrays (quantities, checks), SI."""
-    frame = pd.DataFrame({name: np.ravel(values) for name, values in each.items()})
-    checks = len(frame) // len(QUANTITIES)
-    return frame.assign(method=method, quantity=np.repeat(QUANTITIES, checks))
-
-
 def evaluate(data: Data) -> dict[str, pd.DataFrame]:
     """Run both filters and the bound over one run's data.
 
     Gives `errors`, for each method, quantity and check: truth, bound and claimed standard deviation, error,
     flag (called observable), SI; `consistency`, for each method: nees at the end, and errors in sigmas.
     """
-    truth, decimation, tracked = data.truth, data.tracking.trackers["ekf"].decimation, list(TRACKED)
+    truth, decimation, tracked = data.truth, data.tracking.trackers["ekf"].decimation, list(cases.TRACKED)
     n = truth.states.shape[0]
-    window = min(round(WINDOW * 1e3), n // 2)
+    window = min(round(cases.WINDOW * 1e3), n // 2)
     ends = np.linspace(n - window, n, CHECKS).round().astype(np.int64) // decimation * decimation
-    true, bound = _true_and_bound(data, ends - 1)
+    rows, model = ends - 1, data.tracking.model
+    variances = matched.eha_bound(truth, model, data.prior, data.case.minimum, rows)
+    true, bound = cases.quantities(truth.states[rows], variances, truth.viscosity[rows], data.unit, model)
     errors, consistency = [], []
     for method, records in data.tracking.push(data.block).items():
         values, sigmas = _estimates(data, records)
         at, shown = ends // decimation - 1, observability(values, sigmas)
         found, std, flag = (np.array([x[q][at] for q in QUANTITIES]) for x in (values, sigmas, shown))
-        errors.append(_rows_of(method, truth=true, bound=bound, error=found - true, std=std, flag=flag))
+        columns = {"truth": true, "bound": bound, "error": found - true, "std": std, "flag": flag}
+        frame = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
+        errors.append(frame.assign(method=method, quantity=np.repeat(QUANTITIES, CHECKS)))
         tracker = data.tracking.trackers[method]
         error = tracker.x[tracked] - truth.states[-1, tracked]
         if data.case.minimum:  # without the oil's temperature leakage is that of the oil as it is
@@ -244,7 +208,9 @@ def step_run(data: Data, quantity: str) -> pd.DataFrame:
     infinite where it never was) and response, (len(GRID),) share of the change that is followed.
     """
     at = round(ONSET * 1e3) + np.array([-1, 2])
-    before, after = _quantities(data, at, data.truth.states[at])[0][QUANTITIES.index(quantity)]
+    truth, none = data.truth, np.zeros((2, eha.STATES))
+    true, _ = cases.quantities(truth.states[at], none, truth.viscosity[at], data.unit, data.tracking.model)
+    before, after = true[QUANTITIES.index(quantity)]
     rows = []
     for method, records in data.tracking.push(data.block).items():
         value, time_s = _estimates(data, records)[0][quantity], records["time"] - ONSET
@@ -257,48 +223,29 @@ def step_run(data: Data, quantity: str) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def peer_run(data: Data) -> pd.DataFrame:
-    """Errors of filterpy's filters and of the estimators on one short run, NaN where one was lost."""
-    decimation, n = data.tracking.trackers["ekf"].decimation, len(data.block)
-    ends = np.linspace(n // 2, n, CHECKS).round().astype(np.int64) // decimation * decimation
-    truth, bound = _true_and_bound(data, ends - 1)
-    found = {}
-    for name in PEERS:
-        peer = run_peer(name, data.tracking.model, data.prior, data.block, data.case.minimum, ends - 1)
-        found[name] = _quantities(data, ends - 1, *peer)[0]
-    for method, records in data.tracking.push(data.block).items():
-        values, _ = _estimates(data, records)
-        found[method] = np.array([values[q][ends // decimation - 1] for q in QUANTITIES])
-    return pd.concat(_rows_of(name, truth=truth, bound=bound, error=x - truth) for name, x in found.items())
-
-
 @dataclass(frozen=True)
 class Plan:
-    """How much is measured: runs of each case and change, of each beside filterpy, s of a run, which ones."""
+    """How much is measured: runs of each case and change, s of a run, which ones."""
 
     runs: int = 100
-    peers: int = 3
-    duration: float = DURATION
+    duration: float = cases.DURATION
     cases: tuple[str, ...] = tuple(BY_NAME)
     stepped: tuple[str, ...] = tuple(CHANGE)
     seed: int = 0
 
 
 Measured = dict[str, pd.DataFrame]
-"""Frames by kind (errors, consistency, steps, peers), each with the columns world, case (or the quantity that
-was changed) and run; and speed, see `measure_speed`. What was left out has none."""
+"""Frames by kind (errors, consistency, steps), each with the columns world, case (or the quantity that was
+changed) and run; and speed, see `measure_speed`. What was left out has none."""
 
 
 def measure(plan: Plan, workers: int = 1, progress: Callable[[float], None] = lambda share: None) -> Measured:
     """Measure everything but speed; the number of processes changes no figure."""
-    peers = [name for name in PEER_CASES if name in plan.cases]
     jobs = [
         (kind, world, name, run)
-        for kind, names, runs in (
-            ("peer", peers, plan.peers), ("run", plan.cases, plan.runs), ("step", plan.stepped, plan.runs)
-        )
-        for world, name, run in product(WORLDS, names, range(runs))
-    ]  # fmt: skip
+        for kind, names in (("run", plan.cases), ("step", plan.stepped))
+        for world, name, run in product(WORLDS, names, range(plan.runs))
+    ]
     told = for_each_unit(
         partial(_work, plan), jobs, workers=workers, progress=lambda n, total: progress(n / total)
     )
@@ -317,11 +264,49 @@ def _work(plan: Plan, job: tuple[str, str, str, int]) -> list[tuple[str, pd.Data
         warnings.simplefilter("ignore", RuntimeWarning)
         if kind == "step":
             frames = {"steps": step_run(prepare(world, STEP_CASE, seed, ONSET + AFTER, name), name)}
-        elif kind == "peer":
-            frames = {"peers": peer_run(prepare(world, BY_NAME[name], seed, PEER_DURATION))}
         else:
             frames = evaluate(prepare(world, BY_NAME[name], seed, plan.duration))
     return [(k, frame.assign(world=world, case=name, run=run)) for k, frame in frames.items()]
+
+
+def filterpy_ekf(q: eha.Parameters, prior: Assumed, block: Array, rows: Rows) -> tuple[Array, Array]:
+    """Run filterpy's EKF over a block as the tracker takes it, all sensors, without gaps.
+
+    It gets the same model (one compiled millisecond of `estimators.eha.model`), noise and first estimate.
+    What a textbook filter cannot say is left out: it linearises at its own estimate and not at what the
+    encoders measure, learns friction sample by sample, and has nothing robust and no bounds on parameters.
+
+    Gives `states`, `variances`: (k, STATES) at `rows` (k,), ascending.
+    """
+    from filterpy.kalman import ExtendedKalmanFilter
+
+    F, G, new = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4)), np.empty(eha.STATES)
+    measured, sizes = [eha.X, eha.TH, eha.P1, eha.P2], prior.sizes
+    z = block[:, [layout.POSITION, layout.ANGLE, layout.PRESSURE_1, layout.PRESSURE_2]] * [
+        1e3,
+        1.0,
+        1e-6,
+        1e-6,
+    ]
+    viscosity = np.nan_to_num(block[:, layout.VISCOSITY], nan=1.0)
+    accumulator, H = block[:, layout.ACCUMULATOR] * 1e-6, np.eye(eha.STATES)[measured]
+    peer = ExtendedKalmanFilter(eha.STATES, 4)
+    peer.x, peer.P, peer.F = prior.start.copy(), np.diag(prior.spread**2), F
+    peer.x[measured] = z[0]
+    peer.R = np.diag(np.array([sizes.position, sizes.angle, sizes.pressure, sizes.pressure]) ** 2)
+    peer.predict_x = lambda u=0: setattr(peer, "x", new.copy())
+    found = np.empty((2, rows.size, eha.STATES))
+    for k in range(rows[-1] + 1):
+        if k > 0:
+            low, x = accumulator[k - 1], peer.x
+            eha.step(x, 1.0, viscosity[k - 1], low, np.nan, np.nan, q, new, F, G)
+            flows = cases.chamber_noise(x[eha.P1], x[eha.P2], low, True, sizes)
+            noise = np.array([sizes.force, sizes.acceleration, *flows]) ** 2
+            peer.Q = (G * noise) @ G.T + np.diag(prior.walk**2 * 1e-3)
+            peer.predict()
+        peer.update(z[k], lambda x: H, lambda x: x[measured])
+        found[:, rows == k] = np.stack([peer.x, np.diag(peer.P)])[:, None]
+    return found[0], found[1]
 
 
 def measure_speed(duration: float = 60.0, repeats: int = 9, peer_samples: int = 3000) -> pd.DataFrame:
@@ -333,7 +318,11 @@ def measure_speed(duration: float = 60.0, repeats: int = 9, peer_samples: int = 
     scenario = Scenario(duration=duration, seed=1, load={"name": "spring"}, recording=recording)
     samples = simulate(unit, scenario).samples
     tracking = Tracking(unit, Channels.of(samples), 1e-3)
-    block, prior, took = tracking.block(samples), assumed(tracking.trackers["ekf"]), dict[str, list[float]]()
+    block, prior, took = (
+        tracking.block(samples),
+        cases.assumed(tracking.trackers["ekf"]),
+        dict[str, list[float]](),
+    )
     for turn in range(repeats):
         for method, tracker in tracking.trackers.items():
             fresh = tracker.state()
@@ -343,10 +332,10 @@ def measure_speed(duration: float = 60.0, repeats: int = 9, peer_samples: int = 
             tracker.push(block)
             took.setdefault(method.upper(), []).append((time.process_time() - began) / len(block))
             tracker.restore(fresh)
-        if turn % 3 == 0 and find_spec("filterpy") is not None:
+        if turn % 3 == 0:
             part, last = block[:peer_samples], np.array([peer_samples - 1])
             began = time.process_time()
-            run_peer(PEERS[0], tracking.model, prior, part, False, last)
-            took.setdefault(PEERS[0], []).append((time.process_time() - began) / peer_samples)
+            filterpy_ekf(tracking.model, prior, part, last)
+            took.setdefault(PEER, []).append((time.process_time() - began) / peer_samples)
     rows = {name: {"median": 1e6 * np.median(s), "best": 1e6 * min(s)} for name, s in took.items()}
     return pd.DataFrame.from_dict(rows, orient="index").assign(samples=len(block))

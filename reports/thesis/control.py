@@ -1,4 +1,4 @@
-"""Chapter 7: chatter filter, position step and ultimate gain."""
+"""Table 6.1's dead bands; chapter 7: position step and ultimate gain."""
 
 from __future__ import annotations
 
@@ -7,31 +7,130 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, cont2discrete, lfilter
+from scipy.signal import lfilter
 
+from fdd.identification.experiments.gain import SLIDING
+from fdd.identification.experiments.gain import dead_band as find_dead_band
+from fdd.identification.friction import curve
 from fdd.plant.details import Details
+from fdd.plant.prepare import chatter_filter
 from fdd.unit import Unit
-from reports.thesis.frequency_response import TransferFunction
+from reports.thesis import runs as rig
+from reports.thesis.flow import SLOPES, SPEEDS, speeds_of
+from reports.thesis.friction import MODES, Mode
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, respond
-from reports.thesis.runs import (
-    PERIOD,
-    VOLT,
-    Beside,
-    Figures,
-    changed,
-    holding_leakage,
-    hydraulic_gain,
-    riding_partner,
-    run_position,
-    with_friction,
-    with_leakage,
-)
 from reports.writing import Panel
 
 Array = NDArray[np.float64]
 
-CUTOFF = 350.0
-"""rad/s of the chatter filter, section 7.1.1."""
+MOTOR = 0.0011
+"""V: Table 6.1."""
+MOTOR_LEVELS = np.array([0.0, 2e-4, 4e-4, 6e-4, 8e-4, 9e-4, 1e-3, 1.1e-3, 1.2e-3, 1.4e-3, 1.6e-3, 2e-3, 3e-3])
+LEVELS = np.array(
+    [0.02, 0.04, 0.06, 0.08, 0.10, 0.11, 0.12, 0.13, 0.14, 0.16, 0.18, 0.20, 0.22, 0.24, 0.26, 0.28]
+)
+"""V, each held. The actuator's dead band has two readings: the offset of its velocity over the command, as
+figure 5.1 plots it, and the command from which it slides out of rest."""
+HOLD = 5.0
+"""s per level; the mean over the last 2 s counts, when the pressure has followed (L_T·β/V_o is about 1/s)."""
+_CLIMBS = 3
+_MEAN = 2.0
+TURNING = 1e-4
+"""rad/s: more than two counts of the encoder in 2 s."""
+
+
+def staircase(unit: Unit, levels: Array, sign: float, seed: int) -> tuple[Array, Array]:
+    """Mean motor speed (rad/s) and actuator velocity (m/s) along `sign` at each level (V), from encoders."""
+    rows = round(HOLD / rig.PERIOD)
+    command = sign * rig.VOLT * np.repeat(levels, rows)
+    log = rig.run_speed(unit, command, start=-0.01 * sign, seed=seed).samples
+    ends = rows * np.arange(1, levels.size + 1) - 1
+    starts = ends - round(_MEAN / rig.PERIOD)
+    motor, actuator = (sign * (log[c][ends] - log[c][starts]) / _MEAN for c in ("pump_angle", "position"))
+    return np.asarray(motor), np.asarray(actuator)
+
+
+def slides_from(unit: Unit, levels: Array, sign: float, seed: int) -> float:
+    """Dead band (V) of motor and actuator; below break-away the piston creeps as its seals bend."""
+    velocity = staircase(unit, levels, sign, seed)[1]
+    return find_dead_band(levels, velocity, velocity > SLIDING * rig.hydraulic_gain(unit) * rig.VOLT * levels)
+
+
+def offsets(command: Array, velocity: Array) -> Array:
+    """Where the lines through velocity over command meet zero, forward and reverse, (2,) V, both positive."""
+    found = []
+    for sign in (1.0, -1.0):
+        way = sign * command > 0.0
+        slope, rest = np.polyfit(command[way], velocity[way], 1)
+        found.append(-sign * rest / slope / rig.VOLT)
+    return np.array(found)
+
+
+def measured_offset(unit: Unit, seed: int, trials: int = _CLIMBS) -> float:
+    """Offset (V) in section 5.1's experiment, mean over both directions and the trials."""
+    runs = [offsets(SPEEDS, speeds_of(unit, seed + SPEEDS.size * i)[1]) for i in range(trials)]
+    return float(np.mean(runs))
+
+
+def offset_of_equations(unit: Unit, axis: str) -> float:
+    """The same offset (V) by eqs 5.3 and 5.12 with the thesis's own numbers, nothing of the plant."""
+    area, displacement = unit.cylinder.area_1, unit.pump.displacement
+
+    def steady(mode: Mode, speed: Array) -> Array:
+        found = speed * displacement / area
+        for _ in range(60):
+            leak = SLOPES[axis] * curve(mode.branch, np.maximum(found, 1e-6)) / area
+            found = 0.5 * (found + (displacement * speed - leak) / area)
+        return found
+
+    forward, reverse = (m for m in MODES if m.axis == axis)
+    velocity = np.empty_like(SPEEDS)
+    velocity[SPEEDS > 0.0] = steady(forward, SPEEDS[SPEEDS > 0.0])
+    velocity[SPEEDS < 0.0] = -steady(reverse, -SPEEDS[SPEEDS < 0.0])
+    return float(np.mean(offsets(SPEEDS, velocity)))
+
+
+def _held(unit: Unit) -> tuple[str, str]:
+    """Both static frictions (N) and the commands (V) that hold them against the leakage, as text."""
+    per_newton = rig.holding_leakage(unit) / (unit.cylinder.area_1 * unit.pump.displacement * rig.VOLT)
+    statics = unit.friction.forward.static, unit.friction.reverse.static
+    volts = " and ".join(f"{MOTOR + per_newton * f:.3f}" for f in statics)
+    return " and ".join(f"{f:.0f}" for f in statics), volts
+
+
+def dead_band(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
+    """Table 6.1: steady velocities over commands of ±1 to ±10 V, and a climb of small commands."""
+    both = (1.0, -1.0)
+    turns = np.mean([staircase(axis_a, MOTOR_LEVELS, s, seed)[0] for s in both], axis=0)
+    axes = {}
+    for name, unit in (("A", axis_a), ("B", axis_b)):
+        seeds = range(seed, seed + _CLIMBS)
+        climbs = [np.mean([slides_from(unit, LEVELS, s, i) for i in seeds]) for s in both]
+        forces, volts = _held(unit)
+        axes[name] = {
+            "combined": measured_offset(unit, seed),
+            "from_rest": np.mean(climbs),
+            "falling": np.mean([slides_from(unit, LEVELS[::-1], s, seed) for s in both]),
+            "by_equations": offset_of_equations(unit, name),
+            "forces": forces,
+            "volts": volts,
+            "per_volt": 1e3 * rig.VOLT * rig.hydraulic_gain(unit),
+        }
+    cases = {
+        "axis A with half its leakage": rig.with_leakage(axis_a, axis_a, 0.5),
+        "axis A with half its friction": rig.with_friction(axis_a, 0.5),
+        "axis A, friction that does not rise towards rest": rig.with_friction(axis_a, rises=False),
+        "axis B with axis A's leakage": rig.with_leakage(axis_b, axis_a),
+        "axis B with axis A's friction": axis_b.model_copy(update={"friction": axis_a.friction}),
+    }
+    levels = np.concatenate([np.arange(0.01, 0.06, 0.01), LEVELS[2:]])
+    changes = [
+        (case, measured_offset(unit, seed, 1), np.mean([slides_from(unit, levels, s, seed) for s in both]))
+        for case, unit in cases.items()
+    ]
+    motor = find_dead_band(MOTOR_LEVELS, turns, turns > TURNING)
+    return {"motor": motor, "axes": axes, "changes": changes}
+
 
 GAIN, STEP = 16_875.0, 0.1
 """(rad/s)/m and m, section 7.2."""
@@ -47,24 +146,11 @@ MOST = 1e6
 """(rad/s)/m, highest gain tried."""
 
 
-def discrete_filter(method: str) -> tuple[Array, Array]:
-    """Second-order Butterworth filter of 350 rad/s at 1 kHz: numerator and denominator, (3,) each.
-
-    `method`: ``zoh`` or ``bilinear`` (Tustin's rule).
-    """
-    top, bottom, _ = cont2discrete(butter(2, CUTOFF, analog=True), PERIOD, method=method)
-    return np.ravel(top), np.asarray(bottom)
-
-
 def filtered_velocity(position: Array) -> Array:
     """Velocity as section 7.2 shows it: differences of the position through eq. 7.5's filter, (n,)."""
-    numerator, denominator = discrete_filter("zoh")
-    return np.asarray(lfilter(numerator, denominator, np.diff(position, prepend=position[:1]) / PERIOD))
-
-
-def chatter_filter(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
-    """Section 7.1.1: recompute eq. 7.5 by zero-order hold and by Tustin's rule; no plant is needed."""
-    return {"zoh": discrete_filter("zoh"), "tustin": discrete_filter("bilinear")}
+    b1, b2, a1, a2 = chatter_filter(350.0, rig.PERIOD)
+    rate = np.diff(position, prepend=position[:1]) / rig.PERIOD
+    return np.asarray(lfilter([0.0, b1, b2], [1.0, a1, a2], rate))
 
 
 @dataclass(frozen=True)
@@ -82,48 +168,48 @@ class Steps:
 
 def step_trials(unit: Unit, sign: float, seed: int, **how: Any) -> Steps:
     """Step from mid-stroke by 0.1 m along `sign`; the final error is position less set-point, 3.5 s later."""
-    setpoint = np.concatenate([np.zeros(_REST), np.full(round(_SECONDS / PERIOD), sign * STEP)])
+    setpoint = np.concatenate([np.zeros(_REST), np.full(round(_SECONDS / rig.PERIOD), sign * STEP)])
     found, traces = [], []
     for i in range(TRIALS):
-        log = run_position(unit, setpoint, GAIN, seed=seed + i, **how).samples
+        log = rig.run_position(unit, setpoint, GAIN, seed=seed + i, **how).samples
         speed = sign * filtered_velocity(log["position"])
         # The level is the median over the middle of the motion: break-away overshoots it.
         level = float(np.median(speed[_REST + 200 : _REST + 600]))
         fast = np.flatnonzero(speed > _PLATEAU * level)
         error = sign * float(np.mean(log["position"][-50:])) - STEP
-        found.append((level, (fast[-1] - fast[0]) * PERIOD, error))
-        traces.append((log.time - _REST * PERIOD, sign * log["position"], speed))
+        found.append((level, (fast[-1] - fast[0]) * rig.PERIOD, error))
+        traces.append((log.time - _REST * rig.PERIOD, sign * log["position"], speed))
     return Steps(*traces[0], *np.array(found).T)
 
 
-def position_step(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+def position_step(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 7.2: a step of 0.1 m under proportional position control, both ways."""
     forward = step_trials(axis_a, 1.0, seed)
     cases: dict[str, tuple[Unit, dict[str, Any]]] = {
         "no dead band at the drive's input": (axis_a, {"details": Details(command_dead_band=0.0)}),
-        "a tenth of its friction": (with_friction(axis_a, 0.1), {}),
-        "friction that does not rise towards rest": (with_friction(axis_a, rises=False), {}),
-        "a tenth of its leakage": (with_leakage(axis_a, axis_a, 0.1), {}),
+        "a tenth of its friction": (rig.with_friction(axis_a, 0.1), {}),
+        "friction that does not rise towards rest": (rig.with_friction(axis_a, rises=False), {}),
+        "a tenth of its leakage": (rig.with_leakage(axis_a, axis_a, 0.1), {}),
         "axis B instead": (axis_b, {}),
-        "axis B, friction that does not rise towards rest": (with_friction(axis_b, rises=False), {}),
-        "axis B riding along, by-pass and throttle open": (axis_a, {"partner": riding_partner(axis_b)}),
+        "axis B, friction that does not rise towards rest": (rig.with_friction(axis_b, rises=False), {}),
+        "axis B riding along, by-pass and throttle open": (axis_a, {"partner": rig.riding_partner(axis_b)}),
     }
     parts = {name: step_trials(unit, 1.0, seed, **how) for name, (unit, how) in cases.items()}
     band, command = Details().command_dead_band, GAIN * abs(float(np.mean(forward.error)))
-    per_speed = axis_a.pump.displacement * axis_a.cylinder.area_1 / holding_leakage(axis_a)
+    per_speed = axis_a.pump.displacement * axis_a.cylinder.area_1 / rig.holding_leakage(axis_a)
     shown = (forward.time > -0.3) & (forward.time < 2.0)
     time, along = forward.time[shown], "time since the step (s)"
     position, velocity = 1e3 * forward.position[shown], forward.velocity[shown]
     return {
         "ways": {"forward": forward, "reverse": step_trials(axis_a, -1.0, seed)},
         "parts": {"as it is": forward, **parts},
-        "ratio": hydraulic_gain(axis_a),
+        "ratio": rig.hydraulic_gain(axis_a),
         "area": axis_a.cylinder.area_1,
         "command": command,
         "force": (command - band) * per_speed,
         "needed": (GAIN * 21e-6 - band) * per_speed,
         "band": band / GAIN,
-        "rig_band": 0.06 * VOLT / GAIN,
+        "rig_band": 0.06 * rig.VOLT / GAIN,
         "picture": [
             Panel([(time, position, "C0-", "plant")], {"ylabel": "position (mm)"},
                   at_y={1e3 * STEP: "set-point"}),
@@ -134,14 +220,14 @@ def position_step(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     }  # fmt: skip
 
 
-def oscillation(unit: Unit, gain: float, seed: int, partner: Beside | None = None) -> float:
+def oscillation(unit: Unit, gain: float, seed: int, partner: rig.Beside | None = None) -> float:
     """Peak to peak position (m) in the last second of four after a step of 0.1 m, less its one-way creep."""
     setpoint = np.concatenate([np.zeros(100), np.full(3900, STEP)])
-    last = run_position(unit, setpoint, gain, partner=partner, seed=seed).samples["position"][-1000:]
+    last = rig.run_position(unit, setpoint, gain, partner=partner, seed=seed).samples["position"][-1000:]
     return float(np.ptp(last) - abs(np.mean(last[-50:]) - np.mean(last[:50])))
 
 
-def least_oscillating(unit: Unit, seed: int, partner: Beside | None = None) -> float:
+def least_oscillating(unit: Unit, seed: int, partner: rig.Beside | None = None) -> float:
     """Least gain that oscillates, to 3 %; NaN for none."""
     low, high = 0.5 * ULTIMATE, float("nan")
     for gain in 0.5 * ULTIMATE * np.sqrt(2.0) ** np.arange(12):
@@ -155,7 +241,7 @@ def least_oscillating(unit: Unit, seed: int, partner: Beside | None = None) -> f
     return high
 
 
-def linear_ultimate_gain(model: TransferFunction) -> float:
+def linear_ultimate_gain(model: rig.TransferFunction) -> float:
     """Proportional gain at which the loop around ``model/s`` is on the verge, (rad/s)/m.
 
     Where velocity over demanded speed lags 90°, and the integrator the other 90°.
@@ -168,9 +254,9 @@ def linear_ultimate_gain(model: TransferFunction) -> float:
     return float(2.0 * np.pi * frequency[late[0]] / np.abs(response[late[0]]))
 
 
-def ultimate_gain(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+def ultimate_gain(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 7.2: raise the gain on the plant until it oscillates for ever, and ask the linear models."""
-    late_unit, beside = changed(axis_a, "drive", delay=0.01), riding_partner(axis_b)
+    late_unit, beside = rig.changed(axis_a, "drive", delay=0.01), rig.riding_partner(axis_b)
     return {
         "thesis": ULTIMATE,
         "low": linear_ultimate_gain(LOW),
@@ -180,7 +266,7 @@ def ultimate_gain(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
         "riding": least_oscillating(axis_a, seed, beside),
         "late_riding": least_oscillating(late_unit, seed, beside),
         "late": least_oscillating(late_unit, seed),
-        "soft": least_oscillating(changed(late_unit, "oil", bulk_modulus=4e7), seed),
-        "crossing": ULTIMATE * hydraulic_gain(axis_a) / (2 * np.pi),
+        "soft": least_oscillating(rig.changed(late_unit, "oil", bulk_modulus=4e7), seed),
+        "crossing": ULTIMATE * rig.hydraulic_gain(axis_a) / (2 * np.pi),
         "oscillates": OSCILLATES,
     }

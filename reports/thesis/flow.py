@@ -15,24 +15,14 @@ from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.residuals.oil import air_compliance
 from fdd.samples import Samples
 from fdd.unit import Oil, Unit
-from reports.thesis.frequency_response import TransferFunction
-from reports.thesis.runs import (
-    PERIOD,
-    THOUSAND_RPM,
-    VOLT,
-    Figures,
-    changed,
-    hydraulic_gain,
-    run_speed,
-    throttled_partner,
-)
+from reports.thesis import runs as rig
 from reports.writing import Panel
 
 Array = NDArray[np.float64]
 
 IMPLIED_DISPLACEMENT = 5.50e-7
 """m³/rad: what the thesis's 3.62e-4 m/rad, and its flow of 5.76e-5 m³/s at 104.7 rad/s, come from."""
-SPEEDS = VOLT * np.array([-10.0, -8.0, -6.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0])
+SPEEDS = rig.VOLT * np.array([-10.0, -8.0, -6.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0])
 """rad/s, commanded."""
 _TRAVEL = 0.2
 
@@ -62,9 +52,9 @@ def speeds_of(unit: Unit, seed: int) -> tuple[Array, Array]:
     found = []
     for i, speed in enumerate(SPEEDS):
         expected = abs(speed) * unit.pump.displacement / unit.cylinder.area_1
-        n = round(min(_TRAVEL / expected, 4.0) / PERIOD)
+        n = round(min(_TRAVEL / expected, 4.0) / rig.PERIOD)
         command = np.concatenate([np.zeros(100), np.full(n, speed)])
-        log = run_speed(unit, command, start=-0.5 * _TRAVEL * np.sign(speed), seed=seed + i).samples
+        log = rig.run_speed(unit, command, start=-0.5 * _TRAVEL * np.sign(speed), seed=seed + i).samples
         half = slice(100 + n // 2, None)
         found.append(_rates(log, half))
     pump, actuator = np.array(found).T
@@ -76,12 +66,12 @@ def _rates(log: Samples, rows: slice) -> list[float]:
     return [float(np.polyfit(log.time[rows], log[c][rows], 1)[0]) for c in ("pump_angle", "position")]
 
 
-def gain(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+def gain(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 5.1: actuator velocity over pump speed without load (m/rad), of both axes."""
-    smaller = changed(axis_a, "pump", displacement=IMPLIED_DISPLACEMENT)
+    smaller = rig.changed(axis_a, "pump", displacement=IMPLIED_DISPLACEMENT)
     units = {"a": axis_a, "b": axis_b, "implied": smaller}
     slopes = {name: float(np.polyfit(*speeds_of(unit, seed), 1)[0]) for name, unit in units.items()}
-    return {**slopes, "calculated": hydraulic_gain(axis_a)}
+    return {**slopes, "calculated": rig.hydraulic_gain(axis_a)}
 
 
 @dataclass(frozen=True)
@@ -113,13 +103,13 @@ def strokes(unit: Unit, partner: Unit, seed: int) -> Strokes:
     A point is the mean over the last 0.4 s before the stroke's end.
     """
     points = []
-    command = np.full(round(_LONGEST / PERIOD), THOUSAND_RPM)
+    command = np.full(round(_LONGEST / rig.PERIOD), rig.THOUSAND_RPM)
     for i, throttle in enumerate(_THROTTLES):
-        beside = throttled_partner(unit, partner, throttle)
-        log = run_speed(unit, command, start=_START, partner=beside, seed=seed + i).samples
+        beside = rig.throttled_partner(unit, partner, throttle)
+        log = rig.run_speed(unit, command, start=_START, partner=beside, seed=seed + i).samples
         arrived = np.flatnonzero(log["position"] >= _END)
         end = int(arrived[0]) if arrived.size else len(log)
-        steady = slice(end - round(_WINDOW / PERIOD), end)
+        steady = slice(end - round(_WINDOW / rig.PERIOD), end)
         pump, actuator = _rates(log, steady)
         pressure = float(np.mean(log["pressure_difference"][steady]))
         # A relief valve that has opened on the way stays so until well below its setting.
@@ -131,10 +121,12 @@ def strokes(unit: Unit, partner: Unit, seed: int) -> Strokes:
 def with_case_share(unit: Unit, share: float) -> Unit:
     """The same leakage coefficient L_T, of which C_ep is a share."""
     total = unit.pump.total_leakage
-    return changed(unit, "pump", cross_port_leakage=(1.0 - 0.5 * share) * total, case_leakage=share * total)
+    return rig.changed(
+        unit, "pump", cross_port_leakage=(1.0 - 0.5 * share) * total, case_leakage=share * total
+    )
 
 
-def leakage(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+def leakage(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 5.2: leakage over pressure, strokes at 1000 rpm against the throttled partner."""
     pairs = {"A": (axis_a, axis_b), "B": (axis_b, axis_a)}
     trials = {name: [strokes(*pair, seed + 100 * k) for k in range(TRIALS)] for name, pair in pairs.items()}
@@ -144,7 +136,7 @@ def leakage(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
         a, b = (strokes(with_case_share(u, share), other, seed) for u, other in pairs.values())
         shares.append((share, a.slope, b.slope, a.flow_at(END_PRESSURE)))
     flow = float(np.mean([t.flow_at(END_PRESSURE) for t in trials["A"]]))
-    demanded = axis_a.pump.displacement * THOUSAND_RPM
+    demanded = axis_a.pump.displacement * rig.THOUSAND_RPM
     line = np.array([0.0, 1e-6 * END_PRESSURE])
     curves = [
         (1e-6 * t.pressure, 1e5 * t.leak, style, f"plant, axis {name}" if k == 0 else None)
@@ -176,8 +168,8 @@ def pressurise(unit: Unit, charge: float, seed: int, air: float = 0.0) -> tuple[
     speed = np.concatenate([np.zeros(100), np.full(350, 6.0)])
     faults = [FaultSpec(fault="aeration", severity=air)] if air > 0.0 else []
     still = Details(pump_ripple=0.0)
-    log = run_speed(unit, speed, charge_factor=charge, faults=faults, details=still, seed=seed).samples
-    lost = unit.pump.total_leakage * np.cumsum(log["pressure_1"] - log["pressure_2"]) * PERIOD
+    log = rig.run_speed(unit, speed, charge_factor=charge, faults=faults, details=still, seed=seed).samples
+    lost = unit.pump.total_leakage * np.cumsum(log["pressure_1"] - log["pressure_2"]) * rig.PERIOD
     went_in = (
         unit.pump.displacement * log["pump_angle"]
         - unit.cylinder.area_1 * (log["position"] - log["position"][0])
@@ -204,7 +196,7 @@ def equation_5_21(stiff: float, air: float, pressure: Array) -> Array:
     return np.asarray(1.0 / ((1.0 - air) / stiff + air / (1.4 * (pressure + ATMOSPHERE_PA))))
 
 
-def bulk_modulus(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+def bulk_modulus(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 5.4: oil pumped into a chamber whose piston sticks, at several charges, with more air too."""
     oil = axis_a.oil
     airier = oil.air_fraction + MORE_AIR * FaultScales().free_air
@@ -252,7 +244,7 @@ def small_motion(unit: Unit, viscous: float, seed: int) -> tuple[Array, Array]:
         pump_ripple=0.0, pump_coulomb_torque=0.0, seal_damping=0.0, check_width=200.0, air_law="free"
     )
     command = np.concatenate([np.zeros(100), np.full(600, 10.0)])
-    truth = run_speed(linear, command, details=details, seed=seed).truth
+    truth = rig.run_speed(linear, command, details=details, seed=seed).truth
     return truth["pump_speed"], truth["velocity"]
 
 
@@ -260,14 +252,14 @@ def fit_second_order(pump_speed: Array, velocity: Array, start: Coefficients) ->
     """Coefficients whose response to the pump speed comes nearest to the velocity, both (n,) from rest."""
 
     def off(theta: Array) -> Array:
-        model = TransferFunction((theta[0],), (1.0, theta[1], theta[2]), 0.0)
-        return np.asarray((model.simulate(pump_speed, PERIOD) - velocity) / velocity.std())
+        model = rig.TransferFunction((theta[0],), (1.0, theta[1], theta[2]), 0.0)
+        return np.asarray((model.simulate(pump_speed, rig.PERIOD) - velocity) / velocity.std())
 
     guess = np.array([start.numerator, max(start.damping, 1.0), start.stiffness])
     return Coefficients(*(float(x) for x in least_squares(off, guess, x_scale=guess, xtol=1e-12).x))
 
 
-def transfer_function(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+def transfer_function(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Eqs 5.22 to 5.26: recompute the printed coefficients, and find them again in the plant's motion."""
     out = {}
     for name, unit in (("A", axis_a), ("B", axis_b)):

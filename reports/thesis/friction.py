@@ -12,8 +12,7 @@ from fdd.identification.friction import curve
 from fdd.plant.details import Details
 from fdd.plant.simulate import Simulation
 from fdd.unit import FrictionBranch, Unit
-from reports.thesis.frequency_response import velocity
-from reports.thesis.runs import PERIOD, VOLT, Figures, both_pumps, run_speed
+from reports.thesis.runs import PERIOD, VOLT, Figures, both_pumps, run_speed, velocity
 from reports.writing import Panel
 
 Array = NDArray[np.float64]

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,7 +16,7 @@ from fdd.cli.console import progress
 from fdd.markdown import table
 from fdd.plant.details import Details
 from fdd.unit import Unit
-from reports.thesis import control, dead_band, flow, friction, response
+from reports.thesis import control, flow, friction, response
 from reports.thesis.runs import Figures
 from reports.writing import FOLDER, OutOption, draw, require_folder, template, write_report
 
@@ -30,8 +31,7 @@ EXPERIMENTS: tuple[Callable[[Unit, Unit, int], Figures], ...] = (
     response.servomotor,
     response.low_speed,
     response.high_speed,
-    dead_band.dead_band,
-    control.chatter_filter,
+    control.dead_band,
     control.position_step,
     control.ultimate_gain,
 )
@@ -91,17 +91,10 @@ class Row:
 
 
 def number_text(number: float, digits: int = 3) -> str:
-    """A number with its significant digits, without an exponent where it reads well, never ``-0``."""
-    if number != number:
-        return "none"
-    if number == 0.0:
-        return "0"
-    if 1e-4 <= abs(number) < 10.0**digits:
-        places = max(digits - 1 - int(f"{number:.{digits - 1}e}".split("e")[1]), 0)
-        return f"{number:.{places}f}"
-    if 10.0**digits <= abs(number) < 1e6:
-        return f"{float(f'{number:.{digits}g}'):.0f}"
-    return f"{number:.{digits}g}"
+    """A number with its significant digits, without an exponent, never ``-0``."""
+    if number != number or number == 0.0:
+        return "0" if number == 0.0 else "none"
+    return format(Decimal(f"{number:.{digits - 1}e}"), "f")
 
 
 def thesis(

@@ -14,34 +14,13 @@ from fdd.identification.experiments.response import decibel, degrees, from_profi
 from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.plant.details import Details
 from fdd.unit import Unit
-from reports.thesis.frequency_response import (
-    TransferFunction,
-    empirical_response,
-    fit_output_error,
-    held_input,
-    response_at,
-    velocity,
-    windowed_response,
-)
-from reports.thesis.runs import (
-    PERIOD,
-    VOLT,
-    Figures,
-    binary_noise,
-    changed,
-    hydraulic_gain,
-    identification_volts,
-    riding_partner,
-    run_speed,
-    with_friction,
-    with_torque,
-)
+from reports.thesis import runs as rig
 from reports.writing import Panel
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-SERVOMOTOR = TransferFunction((68.67, 1.21e5), (1.0, 760.8, 1.26e5), 0.001)
+SERVOMOTOR = rig.TransferFunction((68.67, 1.21e5), (1.0, 760.8, 1.26e5), 0.001)
 """Eq. 6.11."""
 BANDWIDTH = 33.3
 """Hz, section 6.3."""
@@ -59,7 +38,7 @@ LIMITS = (STALL_TORQUE, 16.1, 26.0)
 class Identified:
     """A model and its fit (1 explains all), input and output (n,) that it is from, largest current (A)."""
 
-    model: TransferFunction
+    model: rig.TransferFunction
     fit: float
     given: Array
     caused: Array
@@ -68,18 +47,18 @@ class Identified:
 
 def _best_fit(
     given: Array, caused: Array, delays: Iterable[int], **orders: Any
-) -> tuple[TransferFunction, float]:
+) -> tuple[rig.TransferFunction, float]:
     """Output-error model with the delay (ms) under which it explains most, and its fit."""
-    fits = (fit_output_error(given, caused, PERIOD, delay=d * PERIOD, **orders) for d in delays)
+    fits = (rig.fit_output_error(given, caused, rig.PERIOD, delay=d * rig.PERIOD, **orders) for d in delays)
     return max(fits, key=lambda found: found[1])
 
 
 def identify_motor(unit: Unit, seed: int, details: Details | None = None) -> Identified:
     """Second-order output-error model from demanded to true motor speed, about rest."""
-    command = np.concatenate([np.zeros(_REST), VOLT * identification_volts(SECONDS, seed)])
-    log = run_speed(unit, command, details=details, seed=seed).samples
-    given = held_input(command, PERIOD)[_REST:]
-    caused = velocity(log["pump_angle"], PERIOD)[_REST:]
+    command = np.concatenate([np.zeros(_REST), rig.VOLT * rig.identification_volts(SECONDS, seed)])
+    log = rig.run_speed(unit, command, details=details, seed=seed).samples
+    given = rig.held_input(command, rig.PERIOD)[_REST:]
+    caused = rig.velocity(log["pump_angle"], rig.PERIOD)[_REST:]
     model, fit = _best_fit(given, caused, range(4), zeros=1, poles=2, highest_hz=150.0)
     return Identified(model, fit, given, caused, float(np.max(np.abs(log["motor_current"]))))
 
@@ -89,21 +68,25 @@ def level_bandwidths(unit: Unit, limit: float, seed: int) -> list[str]:
 
     By an ETFE through a window of 128 points, below its value at 1 Hz, with the drive's torque limited (N·m).
     """
-    limited, found = with_torque(unit, limit), []
+    limited, found = rig.with_torque(unit, limit), []
     for volt in LEVELS:
-        command = np.concatenate([np.zeros(_REST), volt * VOLT * binary_noise(_NOISE_SECONDS, 125.0, seed)])
-        log = run_speed(limited, command, seed=seed).samples
-        given = held_input(command, PERIOD)[_REST:]
+        command = np.concatenate(
+            [np.zeros(_REST), volt * rig.VOLT * rig.binary_noise(_NOISE_SECONDS, 125.0, seed)]
+        )
+        log = rig.run_speed(limited, command, seed=seed).samples
+        given = rig.held_input(command, rig.PERIOD)[_REST:]
         points = []
         for channel in ("pump_angle", "position"):
-            frequency, response = windowed_response(given, velocity(log[channel], PERIOD)[_REST:], PERIOD)
+            frequency, response = rig.windowed_response(
+                given, rig.velocity(log[channel], rig.PERIOD)[_REST:], rig.PERIOD
+            )
             size = np.abs(response)[frequency >= 1.0]
             points.append(half_power_frequency(frequency[frequency >= 1.0], size, float(size[0])))
         found.append(" / ".join(f"{hz:.0f}" for hz in points))
     return found
 
 
-def bode(measured: tuple[Array, ComplexArray], model: TransferFunction, thesis: TransferFunction,
+def bode(measured: tuple[Array, ComplexArray], model: rig.TransferFunction, thesis: rig.TransferFunction,
           name: str, gain: float, mark: float, highest: float,
           points: tuple[tuple[float, ...], ComplexArray] | None = None) -> list[Panel]:  # fmt: skip
     """Magnitude and phase over a gain: measured response, model, the thesis's, and points beside them."""
@@ -126,18 +109,18 @@ def bode(measured: tuple[Array, ComplexArray], model: TransferFunction, thesis: 
     return panels
 
 
-def _degrees_behind(model: TransferFunction, frequency: float) -> float:
+def _degrees_behind(model: rig.TransferFunction, frequency: float) -> float:
     """How far its phase lies behind eq. 6.11's at a frequency in Hz (°)."""
     high = np.array([frequency])
     return float(np.degrees(np.angle(SERVOMOTOR.at(high) / model.at(high)))[0])
 
 
-def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 6.3: identify axis A's servomotor as the thesis did, and with one thing changed at a time."""
     found = identify_motor(axis_a, seed)
-    measured = empirical_response(found.given, found.caused, PERIOD)
+    measured = rig.empirical_response(found.given, found.caused, rig.PERIOD)
     # A current limit that this signal does not reach; cogging grows with it.
-    strong = changed(axis_a, "drive", current_limit=2.0 * axis_a.drive.current_limit)
+    strong = rig.changed(axis_a, "drive", current_limit=2.0 * axis_a.drive.current_limit)
     quick = identify_motor(axis_a, seed, Details(current_lag=1e-4))
     return {
         "thesis": SERVOMOTOR,
@@ -145,7 +128,7 @@ def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
         "rates": np.sort(np.abs(found.model.poles)),
         "limit": axis_a.drive.current_limit,
         "free": identify_motor(strong, seed),
-        "stalled": identify_motor(with_torque(axis_a, STALL_TORQUE), seed),
+        "stalled": identify_motor(rig.with_torque(axis_a, STALL_TORQUE), seed),
         "levels": [(limit, level_bandwidths(axis_a, limit, seed)) for limit in LIMITS],
         "volts": LEVELS,
         "behind": _degrees_behind(found.model, 100.0),
@@ -155,8 +138,8 @@ def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     }
 
 
-LOW = TransferFunction((1.08e-2, 2.562, 242.6), (1.0, 144.8, 1.66e4, 6.50e5), 0.01)
-HIGH = TransferFunction((9.43e-3, 4.37, 648.80), (1.0, 185.5, 3.14e4, 1.91e6), 0.01)
+LOW = rig.TransferFunction((1.08e-2, 2.562, 242.6), (1.0, 144.8, 1.66e4, 6.50e5), 0.01)
+HIGH = rig.TransferFunction((9.43e-3, 4.37, 648.80), (1.0, 185.5, 3.14e4, 1.91e6), 0.01)
 """Eqs 6.12 and 6.13 with velocity as the output."""
 AMPLITUDE = 1.5
 SINES = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 16.8, 22.0, 27.0, 33.0, 40.0, 50.0, 60.0, 70.0)
@@ -178,7 +161,7 @@ class Region:
     name: str
     mean: float
     equation: str
-    thesis: TransferFunction
+    thesis: rig.TransferFunction
     bandwidth: float
     pair: complex
     single: float
@@ -198,7 +181,7 @@ class Response:
     ETFE, through the thesis's window of 128 points, is in m/rad; `sines` (len(SINES),) are over Dp/A.
     """
 
-    model: TransferFunction
+    model: rig.TransferFunction
     fit: float
     frequency: Array
     empirical: ComplexArray
@@ -210,41 +193,41 @@ class Response:
 def _drive(unit: Unit, region: Region, volts: Array, seed: int, **how: Any) -> tuple[Array, Array]:
     """Command (rad/s) and velocity (m/s) while the signal plays, about what they are before it."""
     lead = np.full(_LEVEL if region.mean else 0, region.mean)
-    command = VOLT * np.concatenate([np.zeros(_REST), lead, region.mean + volts])
-    log = run_speed(unit, command, start=region.start, seed=seed, **how).samples
+    command = rig.VOLT * np.concatenate([np.zeros(_REST), lead, region.mean + volts])
+    log = rig.run_speed(unit, command, start=region.start, seed=seed, **how).samples
     first = _REST + lead.size
-    speed = velocity(log["position"], PERIOD)
+    speed = rig.velocity(log["position"], rig.PERIOD)
     before = float(np.mean(speed[first - 60 : first - 10])) if region.mean else 0.0
-    return held_input(command, PERIOD)[first:] - VOLT * region.mean, speed[first:] - before
+    return rig.held_input(command, rig.PERIOD)[first:] - rig.VOLT * region.mean, speed[first:] - before
 
 
 def single_sine(unit: Unit, region: Region, frequency: float, seed: int, **how: Any) -> complex:
     """Response over Dp/A to ±1.5 V at one frequency, by the fundamental of the last whole periods."""
     seconds = 2.2 if region.mean else max(4.0 / frequency, 1.5)
-    time = np.arange(round(seconds / PERIOD)) * PERIOD
+    time = np.arange(round(seconds / rig.PERIOD)) * rig.PERIOD
     volts = AMPLITUDE * np.sin(2.0 * np.pi * frequency * time)
     given, caused = _drive(unit, region, volts, seed, **how)
     # The zero-phase filter has no future at the end of the log.
     usable = time.size - 20
-    periods = max(int(0.6 * usable * PERIOD * frequency), 1)
-    last = slice(usable - round(periods / (frequency * PERIOD)), usable)
-    return response_at(given[last], caused[last], PERIOD, frequency) / hydraulic_gain(unit)
+    periods = max(int(0.6 * usable * rig.PERIOD * frequency), 1)
+    last = slice(usable - round(periods / (frequency * rig.PERIOD)), usable)
+    return rig.response_at(given[last], caused[last], rig.PERIOD, frequency) / rig.hydraulic_gain(unit)
 
 
 def respond(
     unit: Unit, region: Region, seed: int, *, sines: tuple[float, ...] = SINES, **how: Any
 ) -> Response:
     """Third-order output-error model, ETFE and single sines of one axis in one region; `how` it is run."""
-    given, caused = _drive(unit, region, identification_volts(region.seconds, seed), seed, **how)
+    given, caused = _drive(unit, region, rig.identification_volts(region.seconds, seed), seed, **how)
     model, fit = _best_fit(given, caused, _DELAYS, zeros=2, poles=3)
-    frequency, empirical = windowed_response(given, caused, PERIOD)
+    frequency, empirical = rig.windowed_response(given, caused, rig.PERIOD)
     own = half_power_frequency(frequency, np.abs(empirical), abs(empirical[0]))
     single = np.array([single_sine(unit, region, f, seed, **how) for f in sines])
     bandwidth = half_power_frequency(np.array(sines), np.abs(single), 1.0)
     return Response(model, fit, frequency, empirical, own, single, bandwidth)
 
 
-def split_poles(model: TransferFunction) -> tuple[complex, float]:
+def split_poles(model: rig.TransferFunction) -> tuple[complex, float]:
     """The complex pair's upper pole and the real one; of three real ones the two fastest are the pair."""
     poles = model.poles
     if np.any(np.abs(poles.imag) > 1e-6):
@@ -253,62 +236,63 @@ def split_poles(model: TransferFunction) -> tuple[complex, float]:
     return complex(real[0]), float(real[2])
 
 
-def _figures(region: Region, unit: Unit, found: Response, cases: dict[str, Response]) -> Figures:
+def _figures(region: Region, unit: Unit, found: Response, cases: dict[str, Response]) -> rig.Figures:
     """What the template shows of a region: its model, the models with one thing changed, and the picture."""
-    gain = hydraulic_gain(unit)
+    gain = rig.hydraulic_gain(unit)
     picture = bode((found.frequency, found.empirical), found.model, region.thesis, region.equation, gain,
                    region.bandwidth, 80.0, (SINES, found.sines))  # fmt: skip
     return {"region": region, "found": found, "cases": cases, "poles": split_poles, "gain": gain,
             "picture": picture}  # fmt: skip
 
 
-def low_speed(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+def low_speed(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 6.4 about rest, where the friction of reversal decides."""
 
     case = partial(respond, region=LOW_SPEED, seed=seed)
-    pressure = VOLT * AMPLITUDE * axis_a.pump.displacement * axis_a.oil.bulk_modulus
+    pressure = rig.VOLT * AMPLITUDE * axis_a.pump.displacement * axis_a.oil.bulk_modulus
     pressure /= 0.5 * axis_a.cylinder.volume_1 * 2.0 * np.pi * 16.8
     found = case(axis_a)
     cases = {
         "plant": found,
-        "plant, 30 % of its dry friction": case(with_friction(axis_a, 0.3)),
-        "plant, 10 % of its dry friction": case(with_friction(axis_a, 0.1)),
-        "plant, friction that does not rise towards rest": case(with_friction(axis_a, rises=False)),
+        "plant, 30 % of its dry friction": case(rig.with_friction(axis_a, 0.3)),
+        "plant, 10 % of its dry friction": case(rig.with_friction(axis_a, 0.1)),
+        "plant, friction that does not rise towards rest": case(rig.with_friction(axis_a, rises=False)),
         "plant, bristles three times as stiff":
             case(axis_a, details=Details(bristle_stiffness=3.0 * Details().bristle_stiffness)),
-        "plant, its drive limited to 8 N·m": case(with_torque(axis_a, STALL_TORQUE)),
-        "plant, its drive 8 ms late": case(changed(axis_a, "drive", delay=_LATE)),
-        "plant, axis B riding along, by-pass and throttle open": case(axis_a, partner=riding_partner(axis_b)),
+        "plant, its drive limited to 8 N·m": case(rig.with_torque(axis_a, STALL_TORQUE)),
+        "plant, its drive 8 ms late": case(rig.changed(axis_a, "drive", delay=_LATE)),
+        "plant, axis B riding along, by-pass and throttle open":
+            case(axis_a, partner=rig.riding_partner(axis_b)),
     }  # fmt: skip
     return {
         **_figures(LOW_SPEED, axis_a, found, cases),
         "force": pressure * axis_a.cylinder.area_1,
         "least": min(axis_a.friction.forward.coulomb, axis_a.friction.reverse.coulomb),
-        "below": -20.0 * np.log10(abs(found.model.gain) / hydraulic_gain(axis_a)),
+        "below": -20.0 * np.log10(abs(found.model.gain) / rig.hydraulic_gain(axis_a)),
     }
 
 
-def high_speed(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
+def high_speed(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 6.4 about 95 mm/s, where the piston never reverses."""
 
     case = partial(respond, region=HIGH_SPEED, seed=seed)
     found, mass = case(axis_a), axis_a.cylinder.moving_mass
-    heavy = changed(axis_a, "cylinder", moving_mass=mass + axis_b.cylinder.moving_mass)
-    airy_a, airy_b = (changed(unit, "oil", bulk_modulus=1.2e8) for unit in (axis_a, axis_b))
+    heavy = rig.changed(axis_a, "cylinder", moving_mass=mass + axis_b.cylinder.moving_mass)
+    airy_a, airy_b = (rig.changed(unit, "oil", bulk_modulus=1.2e8) for unit in (axis_a, axis_b))
     riding = "plant, axis B riding along"
     cases = {
         "plant": found,
-        "plant, bulk modulus 40 MPa": case(changed(axis_a, "oil", bulk_modulus=4e7)),
+        "plant, bulk modulus 40 MPa": case(rig.changed(axis_a, "oil", bulk_modulus=4e7)),
         "plant, twice the mass on its rod": case(heavy),
-        "plant, its drive limited to 8 N·m": case(with_torque(axis_a, STALL_TORQUE)),
-        "plant, its drive 8 ms late": case(changed(axis_a, "drive", delay=_LATE)),
+        "plant, its drive limited to 8 N·m": case(rig.with_torque(axis_a, STALL_TORQUE)),
+        "plant, its drive 8 ms late": case(rig.changed(axis_a, "drive", delay=_LATE)),
         "plant, seals' resistance to quick changes 500 N·s/m": case(
             axis_a, details=Details(seal_damping=500.0)
         ),
-        f"{riding}, its by-pass and throttle open": case(axis_a, partner=riding_partner(axis_b)),
-        f"{riding}, its by-pass open": case(axis_a, partner=riding_partner(axis_b, throttle=False)),
+        f"{riding}, its by-pass and throttle open": case(axis_a, partner=rig.riding_partner(axis_b)),
+        f"{riding}, its by-pass open": case(axis_a, partner=rig.riding_partner(axis_b, throttle=False)),
         f"{riding}, by-pass and throttle open, both axes 120 MPa": case(
-            airy_a, partner=riding_partner(airy_b)
+            airy_a, partner=rig.riding_partner(airy_b)
         ),
     }
     return {

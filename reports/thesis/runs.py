@@ -1,17 +1,23 @@
-"""How the experiments drive the prototype, and how its axes are changed for them.
+"""How the experiments drive the prototype, and responses and models from what it logs.
 
 The thesis commands the pump in volt: ±10 V are ±3000 rpm. Every run starts at rest and is logged whole, at
-1 kHz, through the sensors of Appendix A.
+1 kHz, through the sensors of Appendix A. It divides Fourier transforms (its ETFE), smooths them and fits
+continuous transfer functions with a delay by the output-error method (chapter 6); so does this module.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.optimize import least_squares
+from scipy.signal import butter, fftconvolve, lfilter, sosfiltfilt
 
+from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.plant.circuit import Circuit
 from fdd.plant.details import Details
 from fdd.plant.duty import Replay
@@ -20,6 +26,7 @@ from fdd.plant.simulate import Simulation, simulate
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 Figures = dict[str, Any]
 """What an experiment measured, by the names that its block of the template has; ``picture`` is its panels."""
 Beside = tuple[Unit, Partner]
@@ -148,3 +155,192 @@ def binary_noise(seconds: float, switching_hz: float, seed: int) -> Array:
 def identification_volts(seconds: float, seed: int, high_hz: float = 150.0) -> Array:
     """Section 6.2's signal: a chirp of ±1.5 V from 0.1 to 150 Hz with binary noise of ±0.25 V at 450 Hz."""
     return 1.5 * chirp(seconds, 0.1, high_hz) + 0.25 * binary_noise(seconds, 450.0, seed)
+
+
+_UNIT_OF_FREQUENCY = 100.0
+"""rad/s in which coefficients are fitted, so that they are of one size."""
+
+
+@dataclass(frozen=True)
+class TransferFunction:
+    """``exp(-delay·s)·numerator(s)/denominator(s)``, highest power first, s in 1/s."""
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    delay: float
+
+    @property
+    def poles(self) -> ComplexArray:
+        """1/s, slowest first."""
+        roots = np.roots(self.denominator).astype(np.complex128)
+        return roots[np.lexsort((roots.imag, np.abs(roots)))]
+
+    @property
+    def gain(self) -> float:
+        """At rest."""
+        return self.numerator[-1] / self.denominator[-1]
+
+    def at(self, frequency: float | Array) -> ComplexArray:
+        """Response at `frequency` (…) in Hz, (…)."""
+        s = 2j * np.pi * np.asarray(frequency, dtype=np.float64)
+        ratio = np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
+        return np.asarray(ratio * np.exp(-self.delay * s), dtype=np.complex128)
+
+    def bandwidth_hz(self) -> float:
+        """Lowest frequency (Hz) at which the response has fallen 3 dB below that at rest."""
+        frequency = np.linspace(0.0, 500.0, 20_001)
+        return half_power_frequency(frequency, np.abs(self.at(frequency)), abs(self.gain))
+
+    def simulate(self, given: Array, period: float) -> Array:
+        """Response, (n,), to an input that runs straight from sample to sample (`period` s), from rest."""
+        numerator, denominator = sampled(np.array(self.numerator), np.array(self.denominator), period)
+        late = round(self.delay / period)
+        held = np.concatenate([np.zeros(late), given[: given.size - late]])
+        return np.asarray(lfilter(numerator, denominator, held))
+
+
+def sampled(numerator: Array, denominator: Array, period: float) -> tuple[Array, Array]:
+    """Discrete transfer function of a strictly proper one, in powers of 1/z: exact for straight inputs.
+
+    Franklin, Powell and Workman's triangle hold, as `scipy.signal.cont2discrete` has it under ``foh``, which
+    takes twenty times as long: too long for a fit.
+    """
+    n = denominator.size - 1
+    lead = denominator[0]
+    out = np.zeros(n)
+    out[n - numerator.size :] = numerator / lead
+    block = np.zeros((n + 2, n + 2))
+    block[0, :n] = -denominator[1:] / lead * period
+    block[1:n, : n - 1] = np.eye(n - 1) * period
+    block[0, n] = period
+    block[n, n + 1] = 1.0
+    grown = expm(block)
+    state, first, second = grown[:n, :n], grown[:n, n], grown[:n, n + 1]
+    entering = first + state @ second - second
+    straight = float(out @ second)
+    bottom = np.real(np.poly(state))
+    top = np.real(np.poly(state - np.outer(entering, out))) + (straight - 1.0) * bottom
+    return np.asarray(top), np.asarray(bottom)
+
+
+def empirical_response(
+    given: Array, caused: Array, period: float, width_hz: float = 2.0
+) -> tuple[Array, ComplexArray]:
+    """The thesis's estimate (ETFE): output's transform over input's, smoothed by a Hamming window.
+
+    Cross and own spectrum of input and output (n,) are averaged over the window before the division (Ljung,
+    System Identification, 2nd ed., eq. 6.46). Gives frequency (Hz) and response, (n // 2 + 1,) each.
+    """
+    u, y = np.fft.rfft(given - given.mean()), np.fft.rfft(caused - caused.mean())
+    window = np.hamming(max(round(width_hz * given.size * period), 1) | 1)
+    powers = np.array([u, y]) * np.conj(u)
+    own, cross = np.asarray(fftconvolve(powers, window[None, :], mode="same", axes=1), dtype=np.complex128)
+    frequency = np.asarray(np.fft.rfftfreq(given.size, period), dtype=np.float64)
+    return frequency, np.asarray(cross / np.maximum(own.real, 1e-12 * own.real.max()))
+
+
+def velocity(position: Array, period: float, cutoff_hz: float = 150.0) -> Array:
+    """Velocity (n,) by central differences (eq. 6.3) and a zero-phase Butterworth filter of order 10.
+
+    `position`: (n,) m or rad. `period`: s. `cutoff_hz`: the thesis takes 150 Hz (section 6.3).
+    """
+    sections = butter(10, cutoff_hz, fs=1.0 / period, output="sos")
+    return np.asarray(sosfiltfilt(sections, np.gradient(position, period)))
+
+
+def held_input(command: Array, period: float, cutoff_hz: float = 150.0) -> Array:
+    """What `velocity` makes of a command (n,) that is held over each period: the input beside that output.
+
+    The held command's integral runs straight from sample to sample; differenced and filtered as the output
+    is, it differs from the output by the system alone, exactly. The bare command would lay the filter, the
+    differences' own fall-off and half a sample of delay to the system.
+    """
+    integral = np.concatenate([[0.0], np.cumsum(command[:-1]) * period])
+    return velocity(integral, period, cutoff_hz)
+
+
+def windowed_response(
+    given: Array, caused: Array, period: float, points: int = 128
+) -> tuple[Array, ComplexArray]:
+    """Transfer function estimate through a Hamming window over the correlations' lags (section 6.2).
+
+    The thesis puts its estimates through a "128 point size Hamming window"; as in the toolbox that it used,
+    the window's size is the number of lags, here 0.128 s to either side, which smooths over some 8 Hz.
+    Gives frequency (401,) in Hz, from 0 to 100 or half the sampling rate, and response (401,).
+    """
+    u, y = given - given.mean(), caused - caused.mean()
+    lags = np.arange(-points, points + 1)
+    middle = slice(u.size - 1 - points, u.size + points)
+    window = 0.54 + 0.46 * np.cos(np.pi * lags / points)
+    own, cross = (window * fftconvolve(signal, u[::-1])[middle] for signal in (u, y))
+    frequency = np.linspace(0.0, min(100.0, 0.5 / period), 401)
+    turn = np.exp(-2j * np.pi * np.outer(frequency, lags) * period)
+    return frequency, np.asarray((turn @ cross) / (turn @ own), dtype=np.complex128)
+
+
+def response_at(given: Array, caused: Array, period: float, frequency: float) -> complex:
+    """Response at one frequency (Hz): ratio of the fundamentals, fitted together with a mean and a trend."""
+    time = np.arange(given.size) * period
+    phase = 2.0 * np.pi * frequency * time
+    basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(time), time])
+    u, y = (np.linalg.lstsq(basis, signal, rcond=None)[0] for signal in (given, caused))
+    return complex((y[0] - 1j * y[1]) / (u[0] - 1j * u[1]))
+
+
+def fit_output_error(
+    given: Array, caused: Array, period: float, *, zeros: int, poles: int, delay: float,
+    highest_hz: float = 60.0,
+) -> tuple[TransferFunction, float]:  # fmt: skip
+    """Continuous transfer function whose own response to the input comes nearest to the output.
+
+    It starts from the rational function nearest to the empirical response (Sanathanan and Koerner's
+    iteration, doi.org/10.1109/TAC.1963.1105517); then the squared output error is made least.
+
+    `given`, `caused`: (n,) input (see `held_input`) and output, from rest. `delay`: s, a whole number of
+    periods. `highest_hz`: up to which the first guess looks at the response.
+
+    Gives the model, and its fit: 1 for all of the output explained, 0 for no better than the mean.
+    """
+    start = _rational_guess(given, caused, period, zeros, poles, delay, highest_hz)
+
+    def model(theta: Array) -> TransferFunction:
+        # Powers of s/100 carry the coefficients back to s in 1/s; poles on the wrong side are turned over.
+        scale = _UNIT_OF_FREQUENCY ** np.arange(poles, -1, -1.0)
+        roots = np.roots(np.concatenate([[1.0], theta[:poles]]))
+        stable = np.real(np.poly(-np.abs(roots.real) + 1j * roots.imag))
+        denominator = stable / scale * scale[0]
+        numerator = theta[poles:] / scale[poles - zeros :] * scale[0]
+        return TransferFunction(tuple(numerator.tolist()), tuple(denominator.tolist()), delay)
+
+    size = float(np.std(caused))
+
+    def error(theta: Array) -> Array:
+        return np.asarray((model(theta).simulate(given, period) - caused) / size)
+
+    solved = least_squares(error, start, method="lm", x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=300)
+    left = solved.fun * size
+    fit = 1.0 - float(np.linalg.norm(left) / np.linalg.norm(caused - caused.mean()))
+    return model(solved.x), fit
+
+
+def _rational_guess(
+    given: Array, caused: Array, period: float, zeros: int, poles: int, delay: float, highest_hz: float
+) -> Array:
+    """Denominator below its leading 1, then numerator, in powers of s/100."""
+    frequency, response = empirical_response(given, caused, period)
+    late = np.exp(2j * np.pi * frequency * delay)
+    u = np.abs(np.fft.rfft(given - given.mean()))
+    used = (frequency > 0.2) & (frequency < highest_hz)
+    s = 2j * np.pi * frequency[used] / _UNIT_OF_FREQUENCY
+    g, weight = (response * late)[used], u[used] / u[used].max()
+    low = s[:, None] ** np.arange(poles - 1, -1, -1.0)
+    top = s[:, None] ** np.arange(zeros, -1, -1.0)
+    divisor = np.ones_like(s)
+    theta = np.zeros(poles + zeros + 1)
+    for _ in range(20):
+        w = (weight / np.abs(divisor))[:, None]
+        m = np.hstack([g[:, None] * low, -top]) * w
+        y = -(g * s**poles)[:, None] * w
+        theta = np.linalg.lstsq(np.vstack([m.real, m.imag]), np.vstack([y.real, y.imag]), rcond=None)[0][:, 0]
+        divisor = s**poles + low @ theta[:poles]
+    return np.asarray(theta)

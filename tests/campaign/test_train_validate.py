@@ -26,7 +26,6 @@ from fdd.plant.simulate import simulate
 from fdd.plant.truth import Truth
 from fdd.residuals.oil import air_compliance
 from fdd.unit import Unit
-from reports import disturbed
 
 RECIPE = Recipe(
     schema="fdd.recipe/1", name="tiny", seed=3, bases=["axis_a"], units=1, logs_per_unit=2, format="parquet",
@@ -191,14 +190,6 @@ def test_validation_compares_each_log_with_its_truth(tiny_set: Path) -> None:
     rows = list(csv.DictReader(io.StringIO(outcomes_csv(outcomes))))
     assert [r["file"] for r in rows] == [o.entry.file for o in outcomes]
     assert summary(outcomes) in report_text(outcomes, Dataset.load(tiny_set))
-
-
-@pytest.mark.slow
-def test_what_must_not_matter_does_not(tiny_set: Path) -> None:
-    compared = disturbed.disturbed(tiny_set, workers=1)
-    assert {c.disturbance for c in compared} == set(disturbed.DISTURBANCES)
-    assert all(c.verdict and c.fault and c.onset for c in compared), [c for c in compared if not c.onset]
-    assert "| 50 ms missing | 2 |" in disturbed.table(compared), "a faulty log and a healthy one"
 
 
 @pytest.mark.parametrize("shape", [0.0, 0.2, 0.4])

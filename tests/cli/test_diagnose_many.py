@@ -16,7 +16,9 @@ import pandas as pd
 import pytest
 from mcap.writer import Writer
 
+from fdd.cli.diagnose import status_of
 from fdd.cli.which_logs import file_names, find_logs, names_of
+from fdd.diagnosis.findings import Diagnosis
 from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.logs.formats import suffixes
@@ -30,10 +32,10 @@ def sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-@pytest.fixture
-def folder(logs, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def folder(logs, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two logs of one name in two folders, one that cannot be read, and what is no log."""
-    base = tmp_path / "runs"
+    base = tmp_path_factory.mktemp("many") / "runs"
     for day, name in (("day1", "healthy"), ("day2", "csv")):
         (base / day).mkdir(parents=True)
         shutil.copy(logs[name], base / day / f"run{logs[name].suffix}")
@@ -44,9 +46,10 @@ def folder(logs, tmp_path: Path) -> Path:
     return base
 
 
-@pytest.fixture
-def one_folder(folder: Path, run, tiny_model_file, tmp_path: Path) -> Path:
-    out = tmp_path / "out"
+@pytest.fixture(scope="module")
+def one_folder(folder: Path, run, tiny_model_file) -> Path:
+    """Its answers."""
+    out = folder.parent / "out"
     result = run("diagnose", folder, "-o", out, "--model", tiny_model_file, "--workers", 1)
     assert result.exit_code == 2 and "3 of 4 logs diagnosed, 1 could not be read" in result.stdout
     assert result.stderr.splitlines() == [
@@ -148,8 +151,8 @@ def test_workers_change_nothing(run, folder: Path, one_folder: Path, tiny_model_
     out, page, mcaps = tmp_path / "two", tmp_path / "pages", tmp_path / "mcaps"
     page.mkdir()
     mcaps.mkdir()
-    shutil.copy(folder / "day1" / "run.mcap", folder / "other.mcap")
-    given = [folder / "day2", folder / "bad.csv", folder / "other.mcap"]
+    shutil.copy(folder / "day1" / "run.mcap", tmp_path / "other.mcap")
+    given = [folder / "day2", folder / "bad.csv", tmp_path / "other.mcap"]
     result = run("diagnose", *given, "-o", out, "--model", tiny_model_file, "--workers", 2, "--json",
                  tmp_path / "all.json", "--report", page, "--mcap", mcaps)  # fmt: skip
     assert result.exit_code == 2
@@ -174,9 +177,12 @@ def test_a_single_bad_log_writes_nothing_and_a_folder_of_something_else_is_left_
 
 
 def test_resume_works_only_what_is_new(
-    run, one_folder: Path, folder: Path, tiny_model_file, monkeypatch: pytest.MonkeyPatch
+    run, one_folder: Path, folder: Path, tiny_model_file, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import fdd.logs
+
+    folder = shutil.copytree(folder, tmp_path / "runs")
+    one_folder = shutil.copytree(one_folder, tmp_path / "out")
 
     read = fdd.logs.read_log
     worked: list[str] = []
@@ -211,22 +217,17 @@ def test_resume_works_only_what_is_new(
     assert again("--unit", "axis_b") == ["bad.csv"], "another version"
 
 
-@pytest.mark.parametrize(
-    ("given", "status"),
-    [
-        (["healthy"], 0),
-        (["healthy", "short"], 3),
-        (["healthy", "short", "bad"], 2),
-        (["healthy", "short", "bad", "leaking"], 1),
-    ],
-)
-def test_exit_codes(run, logs, tiny_model_file, tmp_path: Path, given: list[str], status: int) -> None:
+def test_exit_codes(run, logs, one_folder: Path, tiny_model_file, tmp_path: Path) -> None:
+    """1 for a fault, else 2 for an unreadable log, else 3 for an inconclusive verdict."""
     pd.read_csv(logs["csv"]).iloc[:4000].to_csv(tmp_path / "short.csv", index=False)
-    (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
-    paths = [logs.get(name) or tmp_path / f"{name}.csv" for name in given]
-    common = ["--model", tiny_model_file, "--workers", 1]
-    assert run("diagnose", *paths, *common, "--exit-code").exit_code == status
-    assert run("diagnose", *paths, *common).exit_code == (2 if "bad" in given else 0)
+    common = [logs["healthy"], tmp_path / "short.csv", "--model", tiny_model_file, "--workers", 1]
+    out = tmp_path / "answers.json"
+    assert run("diagnose", *common, "--json", out).exit_code == 0
+    assert run("diagnose", *common, "--exit-code").exit_code == 3
+    healthy, short = map(Diagnosis.model_validate, json.loads(out.read_text("utf-8")))
+    bad, faulty, *_ = map(Diagnosis.model_validate, answers_of(one_folder))
+    assert status_of([healthy]) == 0 and status_of([healthy, short, bad]) == 2
+    assert status_of([healthy, short, bad, faulty]) == 1
 
 
 def test_an_error_of_our_own_ends_one_log_only(run, logs, tiny_model_file, monkeypatch) -> None:

@@ -53,9 +53,17 @@ def life(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def told(run, life: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
+def answers(run, life: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What ``fdd diagnose -o`` wrote of them."""
+    out = tmp_path_factory.mktemp("answers") / "out"
+    assert run("diagnose", life, "-o", out, "--workers", 1).exit_code == 0
+    return out / "answers.jsonl"
+
+
+@pytest.fixture(scope="module")
+def told(run, answers: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
     out = tmp_path_factory.mktemp("told") / "trend"
-    return run("trend", life, "-o", out, "--workers", 1), out
+    return run("trend", answers, "-o", out), out
 
 
 def valid(run, kind: str, answer: dict[str, Any]) -> None:
@@ -93,37 +101,38 @@ def test_a_leakage_that_grows_over_twelve_logs(run, told) -> None:
     assert page.count('class="plot"') >= 2 and "run07.mcap" in page and len(page) < 200_000
 
 
-@pytest.mark.slow
-def test_answers_of_diagnose_say_the_same_and_nothing_is_diagnosed_anew(
-    run, told, life: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_of_answers_nothing_is_diagnosed_anew_and_a_limit_may_be_given(
+    run, told, answers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert run("diagnose", life, "-o", tmp_path / "answers", "--workers", 1).exit_code == 0
     monkeypatch.setattr("fdd.offline.diagnoser.diagnose_log", None)
-    answers = tmp_path / "answers" / "answers.jsonl"
     report = tmp_path / "trend.html"
-    result = run("trend", answers, "--json", "-", "--report", report)
+    result = run("trend", answers, "--limit", "leakage=2.0", "--json", "-", "--report", report)
     assert result.exit_code == 0, result.stderr
-    answer = json.loads(result.stdout)
-    leakage = answer["trends"][0]
-    assert answer == json.loads((told[1] / "trend.json").read_text("utf-8"))
     assert "complete in itself" in report.read_text("utf-8")
-    near = json.loads(run("trend", answers, "--limit", "leakage=2.0", "--json", "-").stdout)["trends"][0]
+    near = json.loads(result.stdout)["trends"][0]
+    far = json.loads((told[1] / "trend.json").read_text("utf-8"))["trends"][0]
     assert near["limit"] == 2.0
     least, most = near["until_limit_interval"]
-    assert least < (1.0 / GROWTH - 11) * EVERY_DAYS < most < leakage["until_limit_interval"][0]
+    assert least < (1.0 / GROWTH - 11) * EVERY_DAYS < most < far["until_limit_interval"][0]
 
 
-def test_a_log_that_cannot_be_read_is_left_out_and_told(run, life: Path, tmp_path: Path) -> None:
-    for k in (0, 7, 2, 9):
-        shutil.copy(life / f"run{k:02d}.mcap", tmp_path)
+def test_logs_say_the_same_as_their_answers_and_one_that_cannot_be_read_is_told(
+    run, life: Path, answers: Path, tmp_path: Path
+) -> None:
+    names = {f"run{k:02d}.mcap" for k in (0, 7, 2, 9)}
+    for name in names:
+        shutil.copy(life / name, tmp_path)
     (tmp_path / "bad.csv").write_text("nothing,of,use\n1,2,3\n")
-    out = tmp_path / "out.json"
-    result = run("trend", tmp_path, "--json", out, "--workers", 1)
+    result = run("trend", tmp_path, "--json", "-", "--workers", 1)
     assert result.exit_code == 2
     assert len(result.stderr.splitlines()) == 1 and "bad.csv" in result.stderr
-    answer = json.loads(out.read_text("utf-8"))
+    answer = json.loads(result.stdout)
     assert answer["logs"][-1]["log"] == "bad.csv" and "bad.csv" in answer["logs"][-1]["left_out"]
-    assert {p["log"] for p in answer["trends"][0]["points"]} == {f"run{k:02d}.mcap" for k in (0, 7, 2, 9)}
+    few = [line for line in answers.read_text("utf-8").splitlines() if json.loads(line)["log"] in names]
+    (tmp_path / "few.jsonl").write_text("\n".join(few), "utf-8")
+    same = json.loads(run("trend", tmp_path / "few.jsonl", "--json", "-").stdout)
+    assert {p["log"] for p in same["trends"][0]["points"]} == names
+    assert answer["trends"] == same["trends"] and answer["logs"][:-1] == same["logs"]
 
 
 def test_two_logs_compared(run, life: Path, tmp_path: Path) -> None:

@@ -19,14 +19,7 @@ from hypothesis.extra.numpy import arrays
 from pages import EVIL, Page
 
 from fdd.diagnosis.findings import Diagnosis
-from fdd.report.decimate import (
-    KEPT_PER_BUCKET,
-    break_at_gaps,
-    bucket_means,
-    decimate,
-    envelope,
-    intervals,
-)
+from fdd.report.decimate import KEPT_PER_BUCKET, break_at_gaps, bucket_means, decimate, envelope, intervals
 from fdd.report.overview import COLUMNS, Row, render_index, summary_csv
 from fdd.report.traces import on_grid, packed
 

@@ -153,11 +153,12 @@ def test_nothing_is_fetched_and_the_policy_lets_only_the_pages_own_scripts_run(
     assert types == ["application/gzip", "application/gzip", None], "data, which no browser runs"
 
 
-@pytest.mark.parametrize("rows", [60_000, 400_000])
+@pytest.mark.parametrize("rows", [60_000, 200_000])
 def test_pages_of_a_batch_share_plotly_and_sizes_are_bounded(
     case: Callable[..., Any], tmp_path: Path, rows: int
 ) -> None:
-    html = render_report(*case("faulty", rows=rows).arguments(), alone=False)
+    made = case("faulty", rows=rows)
+    html = render_report(*made.arguments(), alone=False)
     page = Page(html)
     assert len(html.encode()) < 500_000 and len(page.scripts) == 2
     policy = next(c for c in page.attributes("content") if "default-src" in c)
@@ -167,7 +168,7 @@ def test_pages_of_a_batch_share_plotly_and_sizes_are_bounded(
     assert f'"{plotly.FILE}"' in page.scripts[1], "what the script loads is what stands beside the page"
     bundle = (tmp_path / plotly.FILE).read_bytes()
     assert f"v{plotly.VERSION}".encode() in bundle[:200]
-    made, begin = case("faulty", rows=rows), time.perf_counter()
+    begin = time.perf_counter()
     html = render_report(*made.arguments())
     assert rows > 60_000 or time.perf_counter() - begin < 1.0
     alone = Page(html)

@@ -9,8 +9,19 @@ from fdd.campaign.dataset import Conditions, Entry, Label
 from fdd.identification.profile import Identification, TableRow
 from fdd.samples import Samples
 from fdd.unit import Unit
-from reports.budget import Departure, Said, table
-from reports.datasets import CHAMBERS, SLIPS, SOUND, SWAPPED, counted, departures, scales_table, slipped
+from reports.datasets import (
+    CHAMBERS,
+    SLIPS,
+    SOUND,
+    SWAPPED,
+    Departure,
+    Said,
+    budget_table,
+    counted,
+    scales_table,
+    slipped,
+    standardised,
+)
 
 
 def test_a_log_slips_in_the_channels_it_has() -> None:
@@ -53,7 +64,7 @@ def test_departures_are_in_standard_deviations() -> None:
     unit = Unit.load("axis_a")
     std = 0.01 * unit.pump.displacement
     row = TableRow("pump.displacement", "m^3/rad", 1.0, unit.pump.displacement + 2.0 * std, std)
-    assert departures(Identification(unit, unit, "test", [row]), unit) == {
+    assert standardised(Identification(unit, unit, "test", [row]), unit) == {
         "travel per rad": pytest.approx(2.0)
     }
 
@@ -84,7 +95,7 @@ def test_what_is_lost_is_told_by_its_kind() -> None:
         Said(entry("f", onset=None), "faulty", 6.0, leak),
         Said(entry("g", onset=None), "healthy", 1.0, ()),
     ]
-    lines = table(found).splitlines()
+    lines = budget_table(found).splitlines()
     (whole,) = (line for line in lines if line.startswith("| all"))
     assert "0.67" in whole and "of 3" in whole and "0.33" in whole, (
         "a small and an invisible one are not asked"
@@ -100,8 +111,8 @@ def test_departures_are_told_over_what_is_stated() -> None:
     found = [Departure("volume", "leak", 1.0, 0.05, f"unit_000/log_{k:03d}") for k in range(98)]
     found += [Departure("volume", "leak", z, 0.05, "unit_000/odd") for z in (4.0, -10.0)]
     found += [Departure("force", "damping", 1.0, 0.5, "unit_000/few") for _ in range(5)]
-    (row,) = (line for line in table(found).splitlines() if "leak" in line)
+    (row,) = (line for line in budget_table(found).splitlines() if "leak" in line)
     assert (
         "| 100 |" in row and "1.48" in row and "1.46" in row and "0.02" in row and "unit_000/odd -10.0" in row
     )
-    assert "damping" not in table(found), "too few logs say nothing"
+    assert "damping" not in budget_table(found), "too few logs say nothing"

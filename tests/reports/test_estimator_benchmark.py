@@ -11,9 +11,18 @@ from fdd.residuals.tracking import METHODS, Channels, Tracking
 from fdd.unit import Unit
 from reports.estimators.cases import CASES, FORCE_PERIOD, QUANTITIES, SETTLING, Case, Trajectory, assumed
 from reports.estimators.matched import CLEARANCE, LOWEST, draw, eha_bound, matched_unit
-from reports.estimators.peers import PEERS, run_peer
 from reports.estimators.report import accuracy, coverage, draw_pictures, goals, report_text
-from reports.estimators.runs import CHECKS, GRID, Measured, Plan, evaluate, measure, measure_speed, prepare
+from reports.estimators.runs import (
+    CHECKS,
+    GRID,
+    Measured,
+    Plan,
+    evaluate,
+    filterpy_ekf,
+    measure,
+    measure_speed,
+    prepare,
+)  # fmt: skip
 
 SINES, STROKES = Case("sines", "spring"), Case("strokes", "constant")
 
@@ -106,17 +115,12 @@ def test_the_plants_truth_becomes_states():
 
 
 @pytest.mark.slow
-def test_peers_follow_the_same_run():
-    case = CASES[0]
-    data = prepare("matched", case, (4, 4), 1.0)
-    rows = np.array([500, 900])
-    for name in PEERS:
-        part = data.block if name == PEERS[0] else data.block[:120]
-        at = rows if name == PEERS[0] else np.array([60, 110])
-        states, variances = run_peer(name, data.tracking.model, data.prior, part, case.minimum, at)
-        error = states - data.truth.states[at]
-        assert np.abs(error[:, eha.X]).max() < 3e-3 and np.abs(error[:, eha.P1]).max() < 0.02
-        assert (variances[:, eha.LEAK] < data.prior.spread[eha.LEAK] ** 2 * 1.01).all()
+def test_filterpys_filter_follows_the_same_run():
+    data, rows = prepare("matched", CASES[0], (4, 4), 1.0), np.array([300, 500])
+    states, variances = filterpy_ekf(data.tracking.model, data.prior, data.block, rows)
+    error = states - data.truth.states[rows]
+    assert np.abs(error[:, eha.X]).max() < 3e-3 and np.abs(error[:, eha.P1]).max() < 0.02
+    assert (variances[:, eha.LEAK] < data.prior.spread[eha.LEAK] ** 2 * 1.01).all()
 
 
 @pytest.fixture(scope="module")
@@ -232,7 +236,7 @@ def test_a_goal_is_short_where_its_figure_is(settings, short):
 
 @pytest.mark.slow
 def test_a_tiny_run_makes_the_whole_report(tmp_path):
-    plan = Plan(runs=2, peers=0, duration=3.0, cases=(NAME,), stepped=("leakage",))
+    plan = Plan(runs=2, duration=3.0, cases=(NAME,), stepped=("leakage",))
     told: list[float] = []
     found = measure(plan, 1, told.append)
     assert told[-1] == 1.0 and told == sorted(told)
@@ -244,7 +248,7 @@ def test_a_tiny_run_makes_the_whole_report(tmp_path):
     assert {p.name: p.read_bytes()[:4] for p in tmp_path.iterdir()} == dict.fromkeys(
         ("coverage.png", "steps.png"), b"\x89PNG"
     )
-    again = measure(Plan(runs=2, peers=0, duration=3.0, cases=(NAME,), stepped=()))
+    again = measure(Plan(runs=2, duration=3.0, cases=(NAME,), stepped=()))
     pd.testing.assert_frame_equal(again["errors"], found["errors"])
 
 

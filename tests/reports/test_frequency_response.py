@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from reports.thesis.frequency_response import (
+from reports.thesis.runs import (
     TransferFunction,
     empirical_response,
     fit_output_error,

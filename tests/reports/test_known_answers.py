@@ -2,22 +2,14 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from fdd.identification.experiments.friction import fit_curve
-from fdd.identification.experiments.response import Coefficients
 from fdd.identification.friction import curve
 from fdd.unit import Unit
-from reports.thesis import control, dead_band, flow
-from reports.thesis.frequency_response import TransferFunction
+from reports.thesis import control, flow
 from reports.thesis.friction import MODES, creeping_peaks, run_up, start_of
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, LOW_SPEED, split_poles
-from reports.thesis.runs import (
-    VOLT,
-    holding_leakage,
-    run_position,
-    with_leakage,
-)
+from reports.thesis.runs import VOLT, TransferFunction, holding_leakage, run_position, with_leakage
 
 pytestmark = pytest.mark.slow
 
@@ -35,20 +27,6 @@ def flat(unit: Unit, force: float) -> Unit:
         branch.coulomb = branch.static = force
         branch.viscous = 0.0
     return changed
-
-
-def test_second_order_coefficients_are_found_again():
-    true = Coefficients(44.64, 30.0, 1.22e5)
-    time = np.arange(400) * 1e-3
-    solved = solve_ivp(
-        lambda t, y: [y[1], true.numerator * min(t / 0.02, 1) - true.damping * y[1] - true.stiffness * y[0]],
-        (0.0, 0.4), [0.0, 0.0], t_eval=time, rtol=1e-9, atol=1e-13, max_step=1e-3,
-    )  # fmt: skip
-    speed = np.minimum(time / 0.02, 1.0)
-    found = flow.fit_second_order(speed, solved.y[0], Coefficients(40.0, 10.0, 1.0e5))
-    assert found.numerator == pytest.approx(true.numerator, rel=1e-4)
-    assert found.damping == pytest.approx(true.damping, rel=1e-3)
-    assert found.stiffness == pytest.approx(true.stiffness, rel=1e-4)
 
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda m: m.name)
@@ -93,32 +71,24 @@ def test_flat_friction_is_measured_flat(unit):
     assert np.median(friction) == pytest.approx(250.0, abs=4.0)
 
 
-@pytest.mark.parametrize("modulus", [1.2e8, 2.1e8])
-def test_the_bulk_modulus_is_the_units(unit, modulus):
-    unit.oil.bulk_modulus = modulus
-    pressure, found = flow.pressurise(unit, 0.95, 1)
-    assert abs(pressure - unit.oil.reference_pressure) < 60e3
-    assert found == pytest.approx(modulus, rel=0.03)
-
-
 def test_the_dead_band_is_leakage_under_friction(unit):
     """(ξ + C_ep)·F/(A·Dp), the low side refed, and the motor's own: half the friction halves it."""
     for force in (200.0, 400.0):
         flattened = flat(unit, force)
         holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
-        expected = holding * force / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + dead_band.MOTOR
+        expected = holding * force / (unit.cylinder.area_1 * unit.pump.displacement * VOLT) + control.MOTOR
         levels = expected * np.array([0.5, 1.8, 2.2, 2.6, 3.5])
-        found = dead_band.slides_from(flattened, levels, 1.0, 1)
+        found = control.slides_from(flattened, levels, 1.0, 1)
         assert found == pytest.approx(expected, rel=0.03)
 
 
 def test_the_thesis_s_own_equations_have_its_dead_band(unit):
     """Table 6.1's 0.06 V out of eqs 5.3 and 5.12 and Table 5.2, without the plant; by hand at one speed."""
-    assert dead_band.offset_of_equations(unit, "A") == pytest.approx(0.06, abs=0.005)
-    assert dead_band.offset_of_equations(Unit.load("axis_b"), "B") == pytest.approx(0.033, abs=0.003)
+    assert control.offset_of_equations(unit, "A") == pytest.approx(0.06, abs=0.005)
+    assert control.offset_of_equations(Unit.load("axis_b"), "B") == pytest.approx(0.033, abs=0.003)
     command = np.array([-2.0, -1.0, 1.0, 2.0]) * VOLT
     shifted = np.sign(command) * (np.abs(command) - 0.1 * VOLT)
-    np.testing.assert_allclose(dead_band.offsets(command, shifted), 0.1)
+    np.testing.assert_allclose(control.offsets(command, shifted), 0.1)
 
 
 def test_linear_ultimate_gain_is_routh_hurwitz_s():
@@ -129,14 +99,13 @@ def test_linear_ultimate_gain_is_routh_hurwitz_s():
     assert control.linear_ultimate_gain(HIGH) == pytest.approx(2.6e5, rel=0.02)
 
 
-@pytest.mark.parametrize("share", [0.1, 1.0])
-def test_the_final_error_is_what_holds_the_friction(unit, share):
+def test_the_final_error_is_what_holds_the_friction(unit):
     """Kp·e = (ξ + C_ep)·F/(A·Dp) + the drive's dead band, F the friction that still holds at the end."""
-    changed = with_leakage(unit, unit, share)
+    changed = with_leakage(unit, unit, 0.5)
     setpoint = np.concatenate([np.zeros(100), np.full(6000, 0.1)])
     out = run_position(changed, setpoint, control.GAIN, seed=3)
     holding = holding_leakage(changed)
     area, displacement = changed.cylinder.area_1, changed.pump.displacement
-    speed = holding * out.truth["friction_force"][-1] / (area * displacement) + VOLT * dead_band.MOTOR
+    speed = holding * out.truth["friction_force"][-1] / (area * displacement) + VOLT * control.MOTOR
     error = 0.1 - float(np.mean(out.truth["position"][-50:]))
     assert control.GAIN * error == pytest.approx(speed, rel=0.05)

@@ -10,9 +10,8 @@ import pytest
 from fdd.samples import CHANNELS, Samples
 from fdd.service.blocks import Decoder
 from reports.__main__ import app
-from reports.live import ramp as room
-from reports.live.inside import Inside, inside, logs, messages
-from reports.live.ramp import Overload, Stage, ramp, why_not
+from reports.live import capacity
+from reports.live.capacity import Inside, Overload, Stage, inside, logs, messages, ramp, why_not
 from reports.live.report import report_text
 from reports.troubles import TROUBLES, Outcome
 from reports.troubles import report_text as troubles_text
@@ -68,7 +67,7 @@ def test_the_report_says_what_was_found() -> None:
 
 
 def test_without_a_broker_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(room, "MOSQUITTO", None)
+    monkeypatch.setattr(capacity, "MOSQUITTO", None)
     assert "install it (Debian: mosquitto)" in (why_not() or "")
 
 
@@ -81,8 +80,8 @@ def test_numbers_of_axes_are_read(tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.slow
 @pytest.mark.skipif(why_not() is not None, reason=str(why_not()))
 def test_one_axis_in_real_time(recorded: list[Samples]) -> None:
-    (one,) = ramp(recorded, [1], 24.0, lambda line: None)
-    assert one.axes == 1 and one.looks >= 2 and one.dropped == 0
+    (one,) = ramp(recorded, [1], 14.0, lambda line: None)
+    assert one.axes == 1 and one.looks >= 1 and one.dropped == 0
     assert 0.0 < one.lag <= one.lag_99 and one.cpu_us > 1.0 and one.rss > 50 * MB
 
 

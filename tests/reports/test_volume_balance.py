@@ -14,7 +14,7 @@ BALANCE = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "volume_ba
 Window, fit_balance = BALANCE["Window"], BALANCE["fit_balance"]
 
 
-def exact_window(model, leakage, air, gain, n=6000):
+def exact_window(model, leakage, air, gain, n=3000):
     """Signals that keep both chambers' balances by fine sums of the differentials themselves."""
     fine = 8
     t = np.arange(n * fine) / fine * 1e-3
