@@ -130,6 +130,8 @@ def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(
 
     undisturbed, inbox, _ = fleet_of(store)
     send(undisturbed, inbox, disordered(log))
+    while undisturbed.catch_up():  # a machine that is busy puts an axis off
+        pass
     undisturbed.keep()
     whole = told(store)
     assert len(whole["A1"]) == 3 and whole["A1"] == whole["A2"]
