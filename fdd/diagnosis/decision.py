@@ -73,7 +73,10 @@ def decide(
 ) -> tuple[list[Found], float]:
     """Findings above a threshold, the surest first, and the largest score that is left.
 
-    The end of a fault that was found is a finding too: `Hypothesis.ends` names it.
+    Faults are added one by one, the others refitted (orthogonal matching pursuit: Pati, Rezaiifar and
+    Krishnaprasad 1993, doi 10.1109/ACSSC.1993.342465), and dropped where later ones leave them less than half
+    of the score asked for, so that it ends (Zhang 2011, doi 10.1109/TIT.2011.2146690). The end of a fault
+    that was found is a finding too: `Hypothesis.ends` names it.
 
     Parameters
     ----------
@@ -81,8 +84,9 @@ def decide(
         explains less than a fault of opposite sign would.
     """
     found: list[Found] = []
-    known: list[Amplitude] = []
+    added = 0
     while True:
+        known = [f.lead for f in found]
         ends = [end_of(k.hypothesis, k.size) for k in known if k.hypothesis.ends is None]
         fits = [
             f
@@ -91,7 +95,7 @@ def decide(
         ]
         against = SECOND_FAULT if found else 0.0
         score = max((f.score for f in fits), default=against) - against
-        if score < threshold or len(_each_once(found)) == MOST_FAULTS or len(found) == MOST_FINDINGS:
+        if score < threshold or len(_each_once(found)) == MOST_FAULTS or added == MOST_FINDINGS:
             for f in found:
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left)
@@ -106,9 +110,31 @@ def decide(
         if stand:
             fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_FRAMES]
         found.append(_isolated(evidence, seed, fits, score))
+        added += 1
         if found[-1].lead.hypothesis.ends is not None:
             _take_its_end(evidence, found)
-        known = [f.lead for f in found]
+        elif all(f.lead.hypothesis.ends is None for f in found):
+            found = beside_the_newest(evidence, found, hypotheses, threshold)
+
+
+def beside_the_newest(
+    evidence: Evidence, found: list[Found], hypotheses: Sequence[Hypothesis], threshold: float
+) -> list[Found]:
+    """Earlier findings isolated anew, each beside all the others; without those that these make needless."""
+    kept = list(found)
+    for f in found[:-1]:
+        others = [g.lead for g in kept if g is not f]
+        old = f.lead
+        (lead,) = evidence.fitted([(old.hypothesis, old.kind, old.onset, old.onset_gains)], others)
+        needless = lead.score - SECOND_FAULT < 0.5 * threshold
+        if needless or lead.gain <= 0.0 or _comes_along(lead, others):
+            kept = [g for g in kept if g is not f]
+            continue
+        rivals = evidence.fits([h for h in hypotheses if h is not old.hypothesis], others)
+        fits = [lead, *(r for r in rivals if not _comes_along(r, others))]
+        anew = _isolated(evidence, lead, fits, f.score)
+        f.lead, f.shares = anew.lead, anew.shares
+    return kept
 
 
 def _each_once(found: list[Found]) -> list[Found]:

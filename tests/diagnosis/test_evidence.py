@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesis
 
-from fdd.diagnosis.decision import USUAL_SIZE, decide
+from fdd.diagnosis.decision import USUAL_SIZE, Found, beside_the_newest, decide
 from fdd.diagnosis.departures import WITHIN_FRAMES
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.hypotheses import Hypothesis
@@ -159,6 +159,37 @@ def test_of_two_that_look_alike_the_commoner_leads() -> None:
     (found,), _ = decide(drawn(5, [(LEAK, 0.6, 40)]), [rare, common], 6.0)
     assert found.group == ["common", "rare"]
     assert found.shares["common"] / found.shares["rare"] == pytest.approx(5.0, rel=0.05)
+
+
+def found_at(evidence: Evidence, *faults: tuple[Hypothesis, int]) -> list[Found]:
+    """Findings of given hypotheses and onsets, each fitted alone."""
+    leads = evidence.fitted([(h, "step", onset, np.zeros(1)) for h, onset in faults], [])
+    return [Found(f, f.score, {f.hypothesis.fault: 1.0}) for f in leads]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_fault_found_first_is_isolated_anew_beside_the_second(seed: int) -> None:
+    """Its twin shows in the torque too, where another fault begins later."""
+    evidence = drawn(seed, [(LEAK, 0.7, 40)])
+    evidence.balances["torque"] = drawn(50 + seed, [(LEAK, 0.7, 60)]).balances["volume"]
+    one = LEAK.columns["volume"]
+    other = Hypothesis("other", "other", {"torque": one}, 0.7, True)
+    twin = Hypothesis("twin", "twin", {"volume": one, "torque": one}, 0.7, True)
+    found = found_at(evidence, (twin, 40), (other, 60))
+    first, second = beside_the_newest(evidence, found, [LEAK, other, twin], 6.0)
+    assert (first.lead.hypothesis.fault, second.lead.hypothesis.fault) == ("leak", "other")
+    assert first.lead.size == pytest.approx(0.7, abs=0.15) and first.lead.onset == pytest.approx(40, abs=2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_mixture_is_dropped_beside_the_two_that_it_mixes(seed: int) -> None:
+    evidence = drawn(seed, [(LEAK, 0.7, 40), (DRIFT, 0.7, 52)])
+    both = LEAK.columns["volume"] + DRIFT.columns["volume"]
+    mixed = Hypothesis("mixed", "mixed", {"volume": both}, 0.7, True)
+    found = found_at(evidence, (mixed, 46), (LEAK, 40), (DRIFT, 52))
+    assert found[0].score > 8.0, "else this shows nothing"
+    kept = beside_the_newest(evidence, found, [LEAK, DRIFT, mixed], 6.0)
+    assert [f.lead.hypothesis.fault for f in kept] == ["leak", "drift"]
 
 
 @pytest.mark.parametrize("seed", range(5))
