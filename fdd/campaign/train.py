@@ -86,7 +86,7 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
 
     Raises
     ------
-    InputError : too few healthy or faulty logs.
+    InputError : too few healthy or faulty logs, or healthy ones that all score alike.
     """
     healthy = [x for x in logs if x.family == "healthy"]
     faulty = np.array([root(x.score) for x in logs if x.family != "healthy"])
@@ -134,7 +134,11 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
 def _tail(roots: Array) -> tuple[float, Array]:
     """Where the tail of healthy logs' scores begins, and what lies beyond it."""
     height = float(np.quantile(roots, TAIL_FROM))
-    return height, roots[roots > height] - height
+    above = roots[roots > height] - height
+    if not above.size:
+        problem = f"of {roots.size} healthy logs none scores above the others"
+        raise InputError(problem, mend="add healthy logs, under loads and duties that differ")
+    return height, above
 
 
 def pareto(excess: Array) -> tuple[float, float]:

@@ -89,6 +89,9 @@ def test_too_few_logs_teach_nothing() -> None:
     few = [scored("healthy", 1.0)] * (LEAST_LOGS - 1) + [scored("leakage", 9.0)] * 20
     with pytest.raises(InputError, match=f"{LEAST_LOGS - 1} healthy and 20 faulty"):
         learnt(few, "made up")
+    alike = [scored("healthy", -1.0)] * LEAST_LOGS + [scored("leakage", 9.0)] * 20
+    with pytest.raises(InputError, match=f"of {LEAST_LOGS} healthy logs none scores above the others"):
+        learnt(alike, "made up")
 
 
 def outcome(true: list[Label], said: list[FaultFinding], healthy: float = 0.0) -> Outcome:
