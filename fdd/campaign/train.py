@@ -9,6 +9,7 @@ from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.linear_model import LogisticRegression
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.units import How, over_units
@@ -97,22 +98,25 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     lasting, brief = ([x for x in healthy if (x.healthy_s >= LASTING_S) == long] for long in (True, False))
     lasting, brief = (x if len(x) >= LEAST_LOGS else healthy for x in (lasting, brief))
     hours = sum(x.healthy_s for x in lasting) / 3600.0
-    height, over = _tail(np.array([root(x.peak) for x in lasting]))
+    peaks = np.array([root(x.peak) for x in lasting])
+    height = float(np.quantile(peaks, TAIL_FROM))
+    over = peaks[peaks > height] - height
+    if not over.size:
+        problem = f"of {peaks.size} healthy logs none scores above the others"
+        raise InputError(problem, mend="add healthy logs, under loads and duties that differ")
     scale, shape = pareto(over)
     tail = AlarmTail(
         height=round(height, 3), rate_per_hour=round(over.size / hours, 4),
         scale=round(scale, 4), shape=round(shape, 4), hours=round(hours, 2),
     )  # fmt: skip
-    # What a log in hand is worth, others in hand tell. Beyond a height both kinds thin out exponentially,
-    # faulty logs far more slowly: the odds of the two tails are a logistic of the root. Even odds before it:
-    # how many of a recipe's logs are faulty says nothing of how often an actuator is.
+    # What a log in hand is worth, others in hand tell: the odds are a logistic of the root (Platt scaling:
+    # Niculescu-Mizil and Caruana 2005, doi 10.1145/1102351.1102430). Even
+    # odds before it: how many of a recipe's logs are faulty says nothing of how often an actuator is.
     of_logs = np.array([root(x.score) for x in brief])
-    height, above = _tail(of_logs)
-    beyond = faulty[faulty > height] - height
-    scales = float(above.mean()), float(beyond.mean())
-    slope = max(1.0 / scales[0] - 1.0 / max(scales[1], 1.01 * scales[0]), 1e-3)
-    shares = above.size / of_logs.size / scales[0], beyond.size / faulty.size / scales[1]
-    midpoint = height + np.log(shares[0] / shares[1]) / slope
+    kinds = np.repeat([False, True], [of_logs.size, faulty.size])
+    curve = LogisticRegression(class_weight="balanced").fit(np.append(of_logs, faulty)[:, None], kinds)
+    slope = max(float(curve.coef_[0, 0]), 1e-3)
+    midpoint = -float(curve.intercept_[0]) / slope
     # Half of the healthy logs lie below their median, and so do faults that leave no trace. Some of these the
     # log could not have shown: what is learnt are the others.
     missed = min(2.0 * float(np.mean(faulty < np.median(of_logs))), 1.0)
@@ -120,7 +124,7 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     unseen = max(1.0 - (1.0 - missed) / max(1.0 - hidden, 1e-3), 0.0)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
     calibration = Calibration(
-        midpoint=round(float(midpoint), 3), slope=round(slope, 4), unseen=round(unseen, 3),
+        midpoint=round(midpoint, 3), slope=round(slope, 4), unseen=round(unseen, 3),
         least=round(0.5 * float(np.quantile(of_logs, 1.0 - FALSE_VERDICTS)) ** 2, 3),
         severity_doubt=round(float(np.quantile(doubts, 0.8)), 3) if doubts.size >= LEAST_LOGS else 0.15,
     )  # fmt: skip
@@ -129,16 +133,6 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     for name, law in sorted({pair for x in logs for pair in x.laws}):
         laws.setdefault(name, []).append(law)
     return Model(data=data, tail=tail, calibration=calibration, faults=taught or None, laws=laws or None)
-
-
-def _tail(roots: Array) -> tuple[float, Array]:
-    """Where the tail of healthy logs' scores begins, and what lies beyond it."""
-    height = float(np.quantile(roots, TAIL_FROM))
-    above = roots[roots > height] - height
-    if not above.size:
-        problem = f"of {roots.size} healthy logs none scores above the others"
-        raise InputError(problem, mend="add healthy logs, under loads and duties that differ")
-    return height, above
 
 
 def pareto(excess: Array) -> tuple[float, float]:

@@ -82,7 +82,7 @@ FAULT = Fault(
         Effect("outside_2", "add", "loose_rod_leakage", variants=_LOOSE),
     ),
     signatures=tuple(
-        Signature(variant.replace("_", " "), partial(_columns, kind, lips), variant=variant)
+        Signature(variant.replace("_", " "), partial(_columns, kind, lips), variant=variant, commonness=1 / 6)
         for kind in _FRICTION
         for variant, lips in ((kind, _LIPS), *((kind + lip, (lip,)) for lip in _LIPS))
     ),
