@@ -2,13 +2,11 @@
 
 Topics are the contract's: ``/eha/<axis>/measurement``, ``/truth``, ``/estimate`` and ``/diagnosis``, and
 ``/events`` with `foxglove.Log` messages in JSON. Truth never stands in the measurement.
-
-Columns are written by the chunk: their Protobuf messages have one length, and are one NumPy array. A chunk
-holds one topic; those of several topics overlap in time, and readers go by the index's log times.
 """
 
 from __future__ import annotations
 
+import heapq
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,9 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from mcap.data_stream import RecordBuilder
-from mcap.opcode import Opcode
-from mcap.records import MessageIndex
 from mcap.writer import Writer
 from numpy.typing import ArrayLike, NDArray
 
@@ -31,8 +26,8 @@ from fdd.files import whole_file
 from fdd.samples import CHANNELS, Samples
 
 CHUNK_BYTES = 1 << 20
-_HEAD = np.dtype("u1, <u8, <u2, <u4, <u8, <u8")
-"""Of a message record: opcode, length, channel, sequence, log time, publish time."""
+AT_ONCE = 4096
+"""Messages of a topic that are made at once."""
 _NUMBER, _TEXT = {"type": "integer"}, {"type": "string"}
 LOG_SCHEMA = {
     "title": "foxglove.Log", "type": "object",
@@ -213,24 +208,12 @@ def _diagnosis_columns(t: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _Topic(NamedTuple):
-    """Columns (whether boolean), channel, and message record: one of zeros, and where its values stand."""
+    """Columns (whether boolean), channel, and message: one of zeros, and where its values stand."""
 
     columns: dict[str, bool]
     channel: int
-    record: bytes
+    message: bytes
     places: np.dtype[np.void]
-
-
-class _Index(MessageIndex):
-    """A message index of (n, 2) log times and offsets; the library's writes them number by number."""
-
-    def write(self, stream: RecordBuilder) -> None:
-        entries = np.asarray(self.records, dtype="<u8").tobytes()
-        stream.start_record(Opcode.MESSAGE_INDEX)
-        stream.write2(self.channel_id)
-        stream.write4(len(entries))
-        stream.write(entries)
-        stream.finish_record()
 
 
 class ColumnWriter(Writer):
@@ -254,7 +237,7 @@ class ColumnWriter(Writer):
         return np.asarray(stamps)
 
     def add_columns(self, topics: Mapping[str, Mapping[str, ArrayLike]]) -> None:
-        """Write the next messages of some topics, their chunks in the order of time.
+        """Write the next messages of some topics in the order of time.
 
         Parameters
         ----------
@@ -262,7 +245,7 @@ class ColumnWriter(Writer):
 
         Raises InputError: columns of several lengths, or other ones than the topic's; a time before 0.
         """
-        chunks = []
+        messages = []
         for name, columns in topics.items():
             stamps, values = self.log_times(columns["time"]), {f: np.asarray(v) for f, v in columns.items()}
             kinds = {field: column.dtype == np.bool_ for field, column in values.items()}
@@ -273,11 +256,9 @@ class ColumnWriter(Writer):
             for field, column in values.items():
                 if column.shape != stamps.shape:
                     raise InputError(f"{name} {field}: {column.size} values for {stamps.size} time stamps")
-            rows = max(1, CHUNK_BYTES // len(topic.record))
-            for k in range(0, stamps.size, rows):
-                chunks.append((int(stamps[k]), topic, stamps, values, slice(k, k + rows)))
-        for _, topic, stamps, values, part in sorted(chunks, key=lambda chunk: chunk[0]):
-            self._add_chunk(topic, stamps[part], {f: column[part] for f, column in values.items()})
+            messages.append(_messages(topic, stamps, values))
+        for stamp, channel, message in heapq.merge(*messages):
+            self.add_message(channel, stamp, message, stamp)
 
     def _register(self, name: str, kinds: dict[str, bool]) -> _Topic:
         title = f"fdd.{name.rpartition('/')[2].title()}"
@@ -291,33 +272,23 @@ class ColumnWriter(Writer):
         about = {f: f"{CHANNELS[f].unit}: {CHANNELS[f].meaning}" for f in kinds if f in CHANNELS}
         schema = self.register_schema(title, "protobuf", files.SerializeToString())
         channel = self.register_channel(name, "protobuf", schema, about)
-        # The length leaves out the opcode and itself.
-        head = np.array((Opcode.MESSAGE, _HEAD.itemsize - 9 + len(message), channel, 0, 0, 0), _HEAD)
-        whole = np.dtype([("head", _HEAD), ("message", np.dtype(values))])
-        return self._topics.setdefault(name, _Topic(kinds, channel, head.tobytes() + message, whole))
+        return self._topics.setdefault(name, _Topic(kinds, channel, message, np.dtype(values)))
 
-    def _add_chunk(
-        self, topic: _Topic, stamps: NDArray[np.int64], values: Mapping[str, NDArray[Any]]
-    ) -> None:
-        self.flush()
-        n, body = stamps.size, bytearray(topic.record) * stamps.size
-        records = np.frombuffer(body, topic.places)
-        records["head"]["f4"] = records["head"]["f5"] = stamps
+
+def _messages(
+    topic: _Topic, stamps: NDArray[np.int64], values: Mapping[str, NDArray[Any]]
+) -> Iterator[tuple[int, int, bytes]]:
+    """Log time (ns), channel and bytes of each row; they have one length, so many are one NumPy array."""
+    size = len(topic.message)
+    for start in range(0, stamps.size, AT_ONCE):
+        rows = slice(start, start + AT_ONCE)
+        records = np.frombuffer(bytearray(topic.message) * stamps[rows].size, topic.places)
         for field, column in values.items():
             # Foxglove shows an absent number as 0 and leaves NaN out, but scales its axis to an infinity.
-            records["message"][field] = np.where(np.isinf(column), np.nan, column)
-        # What the library notes of messages that come one by one; it has no way in for many.
-        chunk, counts = vars(self)["_Writer__chunk_builder"], vars(self)["_Writer__statistics"]
-        entries: Any = np.stack([stamps, chunk.count + len(topic.record) * np.arange(n)], axis=1)
-        first, last = int(stamps.min()), int(stamps.max())
-        chunk.message_indices[topic.channel] = _Index(topic.channel, entries)
-        chunk.message_start_time, chunk.message_end_time, chunk.num_messages = first, last, n
-        chunk.record_writer.write(body)
-        counts.message_start_time = min(first, counts.message_start_time) if counts.message_count else first
-        counts.message_end_time = max(last, counts.message_end_time)
-        counts.message_count += n
-        counts.channel_message_counts[topic.channel] += n
-        self.flush()
+            records[field] = np.where(np.isinf(column[rows]), np.nan, column[rows])
+        body = records.tobytes()
+        for row, stamp in enumerate(stamps[rows].tolist()):
+            yield stamp, topic.channel, body[row * size : (row + 1) * size]
 
 
 def _layout(fields: Mapping[str, bool], type_: Any, title: str) -> tuple[bytes, list[tuple[str, str, int]]]:

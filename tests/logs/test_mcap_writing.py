@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_logs import ROWS, A, B, messages, of_topic, parts, refused, strokes
 from mcap.reader import make_reader
-from mcap.records import Chunk, ChunkIndex, Message, MessageIndex
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
-from fdd.logs import mcap_writing
 from fdd.logs.mcap_writing import RunBlock, mcap_file, write_blocks, write_run
 from fdd.samples import CHANNELS, Samples
 
 cuts = st.lists(st.integers(0, ROWS), max_size=8)
 any_double = st.floats(allow_infinity=False)  # subnormal, huge, -0.0 and NaN too
-
-
-@pytest.fixture
-def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mcap_writing, "CHUNK_BYTES", 20_000)
 
 
 def bits(values: object) -> list[int]:
@@ -95,60 +85,6 @@ def test_two_axes_in_any_blocks_and_any_order(first: list[int], second: list[int
             assert bits([m[channel] for m in measured]) == bits(samples[channel])
         true = [fields for _, topic, fields in found if topic == f"/eha/{axis}/truth"]
         assert [t["leakage"] for t in true] == [1e-12 * k for k in range(0, len(samples), 10)]
-
-
-def test_indexes_checksums_and_statistics_fit_the_records(tmp_path: Path, small_chunks: None) -> None:
-    """Against a walk through the records in the order in which they stand in the file."""
-    path = tmp_path / "dual.mcap"
-    every = [b for pair in zip(parts(A, [500], "a"), parts(B, [400], "b"), strict=True) for b in pair]
-    write_blocks(path, every, axes=["a", "b"], units={"a": "of a", "b": "of b"}, start_ns=10**18)
-    content = path.read_bytes()
-    with path.open("rb") as stream:
-        walked = list(StreamReader(stream, validate_crcs=True).records)
-    with path.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-        chunks = [r for r in StreamReader(path.open("rb"), emit_chunks=True).records if isinstance(r, Chunk)]
-    assert summary is not None and summary.statistics is not None
-    said, found = summary.statistics, [r for r in walked if isinstance(r, Message)]
-    assert (said.message_count, said.chunk_count, said.metadata_count) == (len(found), len(chunks), 1)
-    assert said.channel_count == said.schema_count == len(summary.channels) == 4
-    stamps = [m.log_time for m in found]
-    assert (said.message_start_time, said.message_end_time) == (min(stamps), max(stamps))
-    topics = {number: c.topic for number, c in summary.channels.items()}
-    assert {topics[n]: count for n, count in said.channel_message_counts.items()} == {
-        "/eha/a/measurement": len(A), "/eha/a/truth": 120,
-        "/eha/b/measurement": len(B), "/eha/b/truth": -(-len(B) // 10),
-    }  # fmt: skip
-    assert all(m.publish_time == m.log_time for m in found)
-    indexes = [r for r in walked if isinstance(r, ChunkIndex)]
-    message_indexes = [r for r in walked if isinstance(r, MessageIndex)]
-    assert len(indexes) == len(chunks) == len(message_indexes) > 10
-    for index, chunk, entries in zip(indexes, chunks, message_indexes, strict=True):
-        assert content[index.chunk_start_offset] == 0x06 and chunk.compression == "zstd"
-        assert list(index.message_index_offsets) == [entries.channel_id]
-        assert content[index.message_index_offsets[entries.channel_id]] == 0x07
-        body = get_chunk_data_stream(chunk)[0].read(chunk.uncompressed_size)
-        assert zlib.crc32(body) == chunk.uncompressed_crc != 0 and len(body) < 25_000
-        times = [time for time, _ in entries.records]
-        assert (min(times), max(times)) == (chunk.message_start_time, chunk.message_end_time)
-        assert (min(times), max(times)) == (index.message_start_time, index.message_end_time)
-        for time, offset in entries.records:
-            assert body[offset] == 0x05
-            assert int.from_bytes(body[offset + 9 : offset + 11], "little") == entries.channel_id
-            assert int.from_bytes(body[offset + 15 : offset + 23], "little") == time
-
-
-def test_topics_of_a_whole_run_lie_side_by_side(tmp_path: Path, small_chunks: None) -> None:
-    """A reader holds a chunk of each topic, not all of one, and may begin anywhere."""
-    write_run(tmp_path / "a.mcap", A, axis="a", truth={"leakage": np.ones(ROWS), "x": np.ones(ROWS)})
-    with (tmp_path / "a.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    chunks = sorted(summary.chunk_indexes, key=lambda c: c.chunk_start_offset)
-    starts = [c.message_start_time for c in chunks]
-    assert starts == sorted(starts) and len(starts) > 6
-    later = messages(tmp_path / "a.mcap", start=777_000_000)
-    assert [stamp for stamp, _, _ in later[::2]] == [1_000_000 * k for k in range(777, ROWS)], "to the ns"
 
 
 def test_the_schema_says_what_the_messages_hold(tmp_path: Path) -> None:
