@@ -110,8 +110,8 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
         scale=round(scale, 4), shape=round(shape, 4), hours=round(hours, 2),
     )  # fmt: skip
     # What a log in hand is worth, others in hand tell: the odds are a logistic of the root (Platt scaling:
-    # Niculescu-Mizil and Caruana 2005, doi 10.1145/1102351.1102430). Even
-    # odds before it: how many of a recipe's logs are faulty says nothing of how often an actuator is.
+    # Niculescu-Mizil and Caruana 2005, doi 10.1145/1102351.1102430). Even odds before it: how many of a
+    # recipe's logs are faulty says nothing of how often an actuator is.
     of_logs = np.array([root(x.score) for x in brief])
     kinds = np.repeat([False, True], [of_logs.size, faulty.size])
     curve = LogisticRegression(class_weight="balanced").fit(np.append(of_logs, faulty)[:, None], kinds)

@@ -81,7 +81,7 @@ FAULT = Fault(
         Effect("outside_1", "add", "loose_rod_leakage", variants=_LOOSE),
         Effect("outside_2", "add", "loose_rod_leakage", variants=_LOOSE),
     ),
-    signatures=tuple(
+    signatures=tuple(  # one part's weight, shared by the six ways in which it wears
         Signature(variant.replace("_", " "), partial(_columns, kind, lips), variant=variant, commonness=1 / 6)
         for kind in _FRICTION
         for variant, lips in ((kind, _LIPS), *((kind + lip, (lip,)) for lip in _LIPS))
