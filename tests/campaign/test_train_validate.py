@@ -89,9 +89,13 @@ def test_too_few_logs_teach_nothing() -> None:
     few = [scored("healthy", 1.0)] * (LEAST_LOGS - 1) + [scored("leakage", 9.0)] * 20
     with pytest.raises(InputError, match=f"{LEAST_LOGS - 1} healthy and 20 faulty"):
         learnt(few, "made up")
-    alike = [scored("healthy", -1.0)] * LEAST_LOGS + [scored("leakage", 9.0)] * 20
-    with pytest.raises(InputError, match=f"of {LEAST_LOGS} healthy logs none scores above the others"):
-        learnt(alike, "made up")
+
+
+def test_healthy_logs_that_all_score_alike_teach_a_tail_too() -> None:
+    """Ten hours without a peak: at most one, and that by a standard deviation."""
+    alike = [replace(scored("healthy", -1.0), healthy_s=3600.0)] * 10 + [scored("leakage", 9.0)] * 20
+    tail = learnt(alike, "made up").tail
+    assert tail.rate_per_hour == pytest.approx(0.1) and 0.0 < tail.threshold(0.01) < 30.0
 
 
 def outcome(true: list[Label], said: list[FaultFinding], healthy: float = 0.0) -> Outcome:
