@@ -9,7 +9,6 @@ from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.linear_model import LogisticRegression
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.units import How, over_units
@@ -89,6 +88,8 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     ------
     InputError : too few healthy or faulty logs.
     """
+    from sklearn.linear_model import LogisticRegression  # a second, which readers of data sets need not wait
+
     healthy = [x for x in logs if x.family == "healthy"]
     faulty = np.array([root(x.score) for x in logs if x.family != "healthy"])
     if min(len(healthy), faulty.size) < LEAST_LOGS:
