@@ -34,7 +34,8 @@ def test_factors_and_fixed_points_are_those_of_pint() -> None:
     for name in ("K", "degF", "degC", "°C"):
         for value in (0.0, 100.0):
             celsius = registry.Quantity(value, name).to("degC").magnitude
-            assert MEASURES[name].factor * value + MEASURES[name].offset == pytest.approx(celsius, abs=1e-10), name
+            ours = MEASURES[name].factor * value + MEASURES[name].offset
+            assert ours == pytest.approx(celsius, abs=1e-10), name
 
 
 @pytest.mark.parametrize(("text", "dimension", "factor"), WRITTEN)
