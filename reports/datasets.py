@@ -93,7 +93,7 @@ def _departures(file: str, history: BalanceHistory) -> list[Departure]:
     effects = history.expected()
     for name, (m, v) in history.marginalised().items():
         e = effects[name]
-        own = [k for k, c in enumerate(BALANCES[name].columns) if c not in BALANCES[name].free]
+        own = np.flatnonzero(BALANCES[name].own).tolist()
         profiles, vague = np.ones((len(own), 1, len(m))), np.full((len(own), 1), VAGUE)
         parts = Parts(
             {name: np.eye(len(e.mean))[own][:, None]}, profiles, vague, np.zeros(len(own), np.bool_)

@@ -23,7 +23,7 @@ from scipy.special import digamma
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.units import How, over_units
 from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of, history_of
-from fdd.diagnosis.random_effects import log_effects, log_equations, own_columns
+from fdd.diagnosis.random_effects import log_effects, log_equations
 from fdd.errors import InputError
 from fdd.identification import identify_unit
 from fdd.residuals.balance_history import BalanceHistory
@@ -88,7 +88,7 @@ def learnt_spread(
     name: str, units: Sequence[UnitLogs], first: Effects, iterations: int = ITERATIONS
 ) -> Spread:
     """Fit the model to one balance, from what was assumed `first`."""
-    own = own_columns(name)
+    own = BALANCES[name].own
     m, units_variance = first.mean[own], np.square(first.units[own])
     assumed = first.between_logs(usual_conditions(first.noise))[own]
     least = np.square(LEAST_SHARE) * assumed
@@ -177,7 +177,7 @@ def _balance(name: str, spread: Spread, old: BalanceSpread) -> BalanceSpread:
         return float(f"{value:.4g}")
 
     coefficients = dict(old.coefficients)
-    own = [c for c, mine in zip(BALANCES[name].columns, own_columns(name), strict=True) if mine]
+    own = [c for c, mine in zip(BALANCES[name].columns, BALANCES[name].own, strict=True) if mine]
     for k, c in enumerate(own):
         coefficients[c] = CoefficientSpread(
             mean=rounded(spread.mean[k]), units=rounded(spread.units[k]),

@@ -125,7 +125,9 @@ def changes(e: BalancePosterior, after: Array) -> Array:
     """
     healthy, frames = e.healthy, len(e.information)
     unlike = 1.0 - _alike(e, e.total - after, after)
-    own = np.square(healthy.within) * frames / WITHIN_FRAMES + 2.0 * unlike[:, None] * healthy.log_variance
+    # A load's coefficients vary from log to log since loads do, which no change of duty brings about.
+    by_duty = np.where(healthy.own, healthy.log_variance, 0.0)
+    own = np.square(healthy.within) * frames / WITHIN_FRAMES + 2.0 * unlike[:, None] * by_duty
     # Between the means of two halves lies half of a log.
     warmed = 0.5 * frames * FRAME_S * healthy.warming * np.ones_like(healthy.mean)
     return np.asarray(own[:, :, None] * np.eye(own.shape[1]) + np.outer(warmed, warmed))

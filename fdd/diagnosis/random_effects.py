@@ -46,12 +46,6 @@ def scattered(information: Array, vector: Array, effects: Effects) -> tuple[Arra
     return squares, max(float(np.sum(inverse * squares)) / freedom, 1.0) if freedom > 0.0 else 1.0
 
 
-def own_columns(name: str) -> NDArray[np.bool_]:
-    """Which coefficients of a balance are the unit's."""
-    balance = BALANCES[name]
-    return np.array([c not in balance.free for c in balance.columns])
-
-
 def log_equations(
     name: str, sums: tuple[Array, Array, Array, Array], conditions: LogConditions, effects: Effects
 ) -> tuple[Array, Array, LogConditions]:
@@ -66,7 +60,7 @@ def log_equations(
     m, v, _, _ = sums
     m, v = marginalised(m, v, effects.wander)
     _, over = scattered(m, v, effects)
-    own = own_columns(name)
+    own = BALANCES[name].own
     total, vector = m.sum(axis=0) / over, v.sum(axis=0) / over
     if not own.all():
         spread = np.square(effects.units[~own]) + effects.between_logs(conditions)[~own]
@@ -128,7 +122,7 @@ def moderation(name: str, logs: Sequence[tuple[Array, Array, LogConditions]], ef
     ----------
     logs : by `log_equations`.
     """
-    own = own_columns(name)
+    own = BALANCES[name].own
     information, vector = (np.array([log[k] for log in logs]) for k in (0, 1))
     usual = np.array([effects.between_logs(log[2])[own] for log in logs])
     factor = np.ones(usual.shape[1])

@@ -96,6 +96,11 @@ class Balance:
     lines: int = 0
     """Number of spectral lines: columns are pairs of cosine and sine, coefficients the amplitudes."""
 
+    @property
+    def own(self) -> Flags:
+        """Which coefficients (n,) are the unit's, not of the load or of unmeasured inputs."""
+        return np.array([c not in self.free for c in self.columns])
+
 
 LEAST_INLET_PA = -3e4
 """Pa gauge at its inlet, below which a gear pump no longer fills: data sheets ask for 0.7 to 0.8 bar

@@ -107,7 +107,7 @@ class Effects:
         frame to frame. noise : initial std of a row. information, scatter : (n, n), of healthy logs, and the
         sum of squares of the scores of their stretches of 2 s. log_variance : (n,) of a log's coefficients
         about the unit's. warming : (n,) std of their change in a second by oil that warms without a
-        thermometer.
+        thermometer. own : (n,), see `Balance.own`.
     """
 
     mean: Array
@@ -122,6 +122,7 @@ class Effects:
     scatter: Array
     log_variance: Array
     warming: Array | float = 0.0
+    own: NDArray[np.bool_] | bool = True
 
     def between_logs(self, conditions: LogConditions) -> Array:
         """Variance (n,) of a log's coefficients about the unit's."""
@@ -154,8 +155,9 @@ def first_effects(name: str, spreads: Spreads | None = None, unit: Unit | None =
     none = np.zeros((mean.size, mean.size))
     known = np.diag(np.square(units))
     first = Effects(
-        mean, known, known, units, between, within, wander, spread.noise, none, none, np.zeros_like(mean)
-    )
+        mean, known, known, units, between, within, wander, spread.noise, none, none, np.zeros_like(mean),
+        own=BALANCES[name].own,
+    )  # fmt: skip
     return with_logs(first, usual_conditions(spread.noise))
 
 

@@ -12,7 +12,7 @@ from fdd.campaign.drawing import as_it_runs, draw_scenario, draw_unit, stream
 from fdd.campaign.population import BETWEEN_UNITS, FRICTION, OIL_VOLUME, WANDER, charge_factor, with_its_air
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.spreads import UnitLogs, learnt_spread
-from fdd.diagnosis.random_effects import log_equations, own_columns, scattered
+from fdd.diagnosis.random_effects import log_equations, scattered
 from fdd.plant import conditions as c
 from fdd.plant.oil import stiff_bulk_modulus
 from fdd.plant.prepare import FRICTION_TIME, axis_conditions
@@ -163,7 +163,7 @@ def test_spreads_are_those_that_logs_were_drawn_with() -> None:
 def test_what_belongs_to_the_load_is_marginalised() -> None:
     """Test: the force balance's normal equations. Expected: those of the joint normal density's marginal."""
     rng, first = np.random.default_rng(4), first_effects("force")
-    own = own_columns("force")
+    own = BALANCES["force"].own
     n = own.size
     assert not own[list(BALANCES["force"].columns).index("spring")] and own.sum() == 2
     x = rng.normal(size=(8, 60, n)) / np.sqrt(np.diag(first.covariance))

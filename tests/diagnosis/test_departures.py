@@ -51,6 +51,10 @@ def test_another_duty_may_be_another_draw() -> None:
     alike, unlike = (1.0 / weighed(x, [(LEAK, 40)]).information[0] for x in (one, other))
     assert alike < 0.1**2
     assert unlike > 0.2**2
+    # A load's own coefficient is as it was: machines move other loads in other logs, not in another duty.
+    loads = replace(wide, own=np.array([False, True, True]))
+    same = Evidence({"volume": (turned, v)}, {"volume": loads})
+    assert 1.0 / weighed(same, [(LEAK, 40)]).information[0] < 0.1**2
 
 
 def test_oil_that_warms_unmeasured_changes_coefficients() -> None:
