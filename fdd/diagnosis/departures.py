@@ -127,7 +127,10 @@ def changes(e: BalancePosterior, after: Array) -> Array:
     unlike = 1.0 - _alike(e, e.total - after, after)
     # A load's coefficients vary from log to log since loads do, which no change of duty brings about.
     by_duty = np.where(healthy.own, healthy.log_variance, 0.0)
-    own = np.square(healthy.within) * frames / WITHIN_FRAMES + 2.0 * unlike[:, None] * by_duty
+    # Two halves of a log differ no more than two logs do; of epochs, which are logs, that is taken out.
+    most = np.where(healthy.log_variance > 0.0, 2.0 * healthy.log_variance, np.inf)
+    own = np.minimum(np.square(healthy.within) * frames / WITHIN_FRAMES, most)
+    own = own + 2.0 * unlike[:, None] * by_duty
     # Between the means of two halves lies half of a log.
     warmed = 0.5 * frames * FRAME_S * healthy.warming * np.ones_like(healthy.mean)
     return np.asarray(own[:, :, None] * np.eye(own.shape[1]) + np.outer(warmed, warmed))

@@ -57,6 +57,17 @@ def test_another_duty_may_be_another_draw() -> None:
     assert 1.0 / weighed(same, [(LEAK, 40)]).information[0] < 0.1**2
 
 
+def test_a_log_changes_no_more_than_two_logs_differ() -> None:
+    """Test: healthy logs that differ by less than what is assumed of one log. Expected: a change within a log
+    is told to the root of two of the difference between logs."""
+    e = drawn(6, steady=True).balances["volume"]
+    v = e.rest + e.information @ e.solution
+    alike = replace(e.healthy, within=np.full(3, 0.5), log_variance=np.full(3, 0.03**2))
+    evidence = Evidence({"volume": (e.information, v)}, {"volume": alike})
+    std = np.sqrt(1.0 / weighed(evidence, [(DRIFT, 40)]).information[0])
+    assert std == pytest.approx(np.sqrt(2.0) * 0.03, rel=0.05)
+
+
 def test_oil_that_warms_unmeasured_changes_coefficients() -> None:
     """However much a log tells: half of its length at the usual rate, in the viscosity's direction alone."""
     e = drawn(6, steady=True).balances["volume"]
