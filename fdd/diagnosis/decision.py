@@ -41,12 +41,14 @@ class Found:
     Attributes
     ----------
     explained : share of the change of its balances that it explains, given the other findings.
+    against : prior log odds against it, beside a surer one.
     """
 
     lead: Amplitude
     score: float
     shares: dict[str, float]
     explained: float = 1.0
+    against: float = 0.0
 
     @property
     def known(self) -> bool:
@@ -94,12 +96,16 @@ def decide(
             if f.gain > 0.0 and not _comes_along(f, known)
         ]
         against = SECOND_FAULT if found else 0.0
-        score = max((f.score for f in fits), default=against) - against
-        if score < threshold or len(_each_once(found)) == MOST_FAULTS or added == MOST_FINDINGS:
+        score = max((f.score for f in fits), default=against)
+        if score - against < threshold or len(_each_once(found)) == MOST_FAULTS or added == MOST_FINDINGS:
             for f in found:
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left)
-            return _each_once(found), score
+            once = _each_once(found)
+            surest = max(once, key=lambda f: f.score, default=None)
+            for f in once:
+                f.against = 0.0 if f is surest else SECOND_FAULT
+            return once, score - against
         sure = [f for f in fits if f.score - against >= threshold]
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
         # Of those in the balances of the best, the largest gain over its misfit leads: a part of a large

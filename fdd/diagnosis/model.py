@@ -99,12 +99,13 @@ class Calibration(BaseModel):
     severity_doubt: float = Field(default=0.15, ge=0.0, le=10.0)
     prior: float = Field(default=0.5, gt=0.0, lt=1.0, exclude_if=_is_even)
 
-    def probability(self, score: float, hidden: float = 0.0) -> float:
+    def probability(self, score: float, hidden: float = 0.0, *, against: float = 0.0) -> float:
         """Of a fault, given the largest score.
 
         Parameters
         ----------
-        hidden : share of faults that this log could not have shown.
+        hidden : share of faults that this log could not have shown. against : log odds against it before the
+            log was seen, more than against any.
 
         Examples
         --------
@@ -112,9 +113,12 @@ class Calibration(BaseModel):
         0.5
         >>> round(Calibration(midpoint=4.0, slope=1.0, unseen=0.25).probability(-9.0), 2)
         0.2
+        >>> round(Calibration(midpoint=4.0, slope=1.0).probability(8.0, against=2.0), 2)
+        0.12
         """
         shows = math.exp(min(max(self.slope * (root(score) - self.midpoint), -50.0), 50.0))
         odds = max(shows, 1.0 - (1.0 - self.unseen) * (1.0 - hidden)) * self.prior / (1.0 - self.prior)
+        odds *= math.exp(-against)
         return odds / (1.0 + odds)
 
     @property
