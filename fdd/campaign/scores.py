@@ -10,7 +10,7 @@ from scipy.stats import binomtest, chi2
 from sklearn.linear_model import LogisticRegression
 
 from fdd.campaign.dataset import Entry
-from fdd.diagnosis.findings import Diagnosis, FaultFinding
+from fdd.diagnosis.findings import HELD_IN_DOUBT, Diagnosis, FaultFinding
 from fdd.faults import fault
 
 CLASSES = ("healthy", "leakage", "seal_wear", "check_valve", "aeration", "other")
@@ -18,8 +18,6 @@ EARLY_S = 2.0
 """How long before the true onset an answered one may lie."""
 LEAST_FOR_CURVE = 30
 """Logs of a fault from which on a curve of finding it over its severity is drawn."""
-SAID = 0.5
-"""Confidence from which on a fault counts as answered."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Outcome:
     @property
     def said(self) -> list[FaultFinding]:
         """Faults that the answer holds for more likely than not, the surest first."""
-        return [f for f in self.found.faults if f.confidence >= SAID]
+        return [f for f in self.found.faults if f.confidence >= HELD_IN_DOUBT]
 
     @property
     def timely(self) -> list[FaultFinding]:

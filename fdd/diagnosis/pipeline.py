@@ -23,7 +23,9 @@ from fdd.diagnosis.answering import (
 )
 from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
 from fdd.diagnosis.evidence import Amplitude, Evidence
-from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
+from fdd.diagnosis.findings import (
+    HELD_IN_DOUBT, Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories,
+)  # fmt: skip
 from fdd.diagnosis.fitting import Stretches
 from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.model import Model
@@ -51,8 +53,6 @@ SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Evaluations in a minute, and how many a monitor remembers: an hour."""
 EPOCHS = Stretches(frames=1, least=1.0)
 """Each epoch is one draw of the log-to-log variation, which is taken to be no less than usual."""
-HELD_IN_DOUBT = 0.5
-"""Confidence of a fault below which it does not make a verdict."""
 _FILTER_THREAD = ThreadPoolExecutor(1, "tracking")
 """The filters' compiled loops leave the interpreter to the balances meanwhile."""
 WORTH_A_THREAD = 2000

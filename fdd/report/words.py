@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass, field
 
-from fdd.diagnosis.findings import ESTIMATED, Diagnosis, FaultFinding, Invisible
+from fdd.diagnosis.findings import ESTIMATED, HELD_IN_DOUBT, Diagnosis, FaultFinding, Invisible
 from fdd.faults import CATALOGUE
 from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
@@ -205,8 +205,14 @@ def verdict_words(diagnosis: Diagnosis, unit: Unit | None = None) -> VerdictWord
         return VerdictWords(kind, mark, f"Inconclusive: {why}", " ".join(filter(None, hints)), findings)
     if not findings:
         return VerdictWords(kind, mark, "Faulty: the log differs from a healthy one", _leaning(diagnosis))
-    remark = "" if len(findings) == 1 else f"{len(findings)} faults found, the surest first."
-    return VerdictWords(kind, mark, findings[0].headline, remark, findings)
+    likelier = sum(f.confidence >= HELD_IN_DOUBT for f in diagnosis.faults)
+    left = len(findings) - likelier
+    which = "is a hint" if left == 1 else f"{left} are hints"
+    remarks = [
+        f"{likelier} faults found, the surest first." if likelier > 1 else "",
+        f"The last {which}, less likely than not." if left else "",
+    ]
+    return VerdictWords(kind, mark, findings[0].headline, " ".join(filter(None, remarks)), findings)
 
 
 def headline(diagnosis: Diagnosis) -> str:

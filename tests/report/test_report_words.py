@@ -112,7 +112,11 @@ def test_the_surest_of_several_faults_comes_first(case: Callable[..., Any]) -> N
     words = verdict_words(diagnosis)
     assert words.headline == "Air in the oil, since 1.0 s, 99 % sure"
     assert len(words.findings) == 2
-    assert words.remark.startswith("2 faults")
+    assert words.remark == "2 faults found, the surest first."
+    diagnosis.faults[0].confidence = 0.3
+    assert verdict_words(diagnosis).remark == "The last is a hint, less likely than not."
+    diagnosis.faults.append(diagnosis.faults[0])
+    assert verdict_words(diagnosis).remark == "The last 2 are hints, less likely than not."
     diagnosis.faults = []
     assert headline(diagnosis).startswith("Faulty")
 
