@@ -10,7 +10,8 @@ from scipy.stats import binomtest, chi2
 from sklearn.linear_model import LogisticRegression
 
 from fdd.campaign.dataset import Entry
-from fdd.diagnosis.findings import HELD_IN_DOUBT, Diagnosis, FaultFinding
+from fdd.diagnosis.findings import Diagnosis, FaultFinding
+from fdd.diagnosis.model import HELD_IN_DOUBT
 from fdd.faults import fault
 
 CLASSES = ("healthy", "leakage", "seal_wear", "check_valve", "aeration", "other")

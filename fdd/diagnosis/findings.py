@@ -26,9 +26,6 @@ ESTIMATED: dict[str, tuple[str, str, str]] = {
 }
 """Estimated quantities: SI unit in the answer, unit for people, title."""
 
-HELD_IN_DOUBT = 0.5
-"""Confidence below which a finding is a hint: it makes no verdict, and does not count as answered."""
-
 DISPLAY_SCALE = {"leakage": 1e12, "bulk_modulus": 1e-6, "coulomb_friction": 1.0, "viscous_friction": 1.0}
 
 

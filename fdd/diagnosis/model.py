@@ -24,6 +24,8 @@ from fdd.residuals.effects import Spreads
 from fdd.validation import input_error
 
 SHIPPED = "model.json"
+HELD_IN_DOUBT = 0.5
+"""Confidence below which a finding is a hint: it makes no verdict, and does not count as answered."""
 MOST = 1e6
 """Of a score, an hour or a rate; beyond it no data set reaches."""
 

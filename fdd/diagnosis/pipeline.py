@@ -23,12 +23,10 @@ from fdd.diagnosis.answering import (
 )
 from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
 from fdd.diagnosis.evidence import Amplitude, Evidence
-from fdd.diagnosis.findings import (
-    HELD_IN_DOUBT, Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories,
-)  # fmt: skip
+from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
 from fdd.diagnosis.fitting import Stretches
 from fdd.diagnosis.hypotheses import hypotheses
-from fdd.diagnosis.model import Model
+from fdd.diagnosis.model import HELD_IN_DOUBT, Model
 from fdd.diagnosis.sequential_detector import SequentialDetector
 from fdd.errors import InputError
 from fdd.faults import FAMILIES

@@ -6,7 +6,8 @@ import math
 import re
 from dataclasses import dataclass, field
 
-from fdd.diagnosis.findings import ESTIMATED, HELD_IN_DOUBT, Diagnosis, FaultFinding, Invisible
+from fdd.diagnosis.findings import ESTIMATED, Diagnosis, FaultFinding, Invisible
+from fdd.diagnosis.model import HELD_IN_DOUBT
 from fdd.faults import CATALOGUE
 from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
