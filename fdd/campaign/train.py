@@ -9,6 +9,8 @@ from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import expit, logit
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.units import How, over_units
@@ -46,7 +48,7 @@ class ScoredLog:
     answer : leading one, "" for none. score : of the whole log. peak : the largest that stood meanwhile.
     healthy_s : s before a fault acts. doubt : relative std that the severity's 80 % interval lacked to hold
         the true one; NaN where another fault was answered. hidden : share of faults that it could not have
-        shown.
+        shown. later : of each finding beside a surer one its log odds and whether it was right.
     """
 
     unit: str
@@ -60,6 +62,7 @@ class ScoredLog:
     hidden: float = 0.0
     faults: tuple[str, ...] = ()
     laws: tuple[tuple[str, str], ...] = ()
+    later: tuple[tuple[float, bool], ...] = ()
 
 
 def train(
@@ -127,12 +130,31 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
         midpoint=round(midpoint, 3), slope=round(slope, 4), unseen=round(unseen, 3),
         least=round(0.5 * float(np.quantile(of_logs, 1.0 - FALSE_VERDICTS)) ** 2, 3),
         severity_doubt=round(float(np.quantile(doubts, 0.8)), 3) if doubts.size >= LEAST_LOGS else 0.15,
+        second=round(second_odds([pair for x in logs for pair in x.later]), 3),
     )  # fmt: skip
     taught = tuple(sorted({name for x in logs for name in x.faults}))
     laws: dict[str, list[str]] = {}
     for name, law in sorted({pair for x in logs for pair in x.laws}):
         laws.setdefault(name, []).append(law)
     return Model(data=data, tail=tail, calibration=calibration, faults=taught or None, laws=laws or None)
+
+
+def second_odds(later: Sequence[tuple[float, bool]]) -> float:
+    """Log odds against findings beside a surer one, by which as many are right as said.
+
+    Parameters
+    ----------
+    later : log odds of each, as if it had stood alone, and whether it was right.
+    """
+    if len(later) < LEAST_LOGS:
+        return Calibration.model_fields["second"].default
+    odds, right = np.array(later, dtype=np.float64).T
+    share = (right.sum() + 0.5) / (right.size + 1.0)
+
+    def excess(second: float) -> float:
+        return float(np.mean(expit(odds - second))) - share
+
+    return float(brentq(excess, 0.0, 100.0)) if excess(0.0) > 0.0 else 0.0
 
 
 def pareto(excess: Array) -> tuple[float, float]:
@@ -174,14 +196,19 @@ def _score(entry: Entry, samples: Samples, profile: Unit, model: Model) -> Score
     pipeline.push(samples)
     found = pipeline.finish()
     hydraulic = [f for f in found.faults if f.family != "sensor" or f.severity is not None]
+    names, calibration = {f.fault for f in entry.faults}, pipeline.model.calibration
     onset = min((f.onset_s for f in entry.faults), default=found.duration_s)
     return ScoredLog(
         unit=entry.unit, structure=getattr(entry, "structure", "") or "",
         family=entry.faults[0].family if entry.faults else "healthy",
         answer=hydraulic[0].family if hydraulic else "", score=pipeline.score, peak=pipeline.largest_score,
-        healthy_s=onset, doubt=_doubt(entry, hydraulic, pipeline.model.calibration.severity_doubt),
+        healthy_s=onset, doubt=_doubt(entry, hydraulic, calibration.severity_doubt),
         hidden=hidden_share(found.not_visible), faults=tuple(f.fault for f in entry.faults),
         laws=tuple((f.fault, f.law) for f in entry.faults if f.law is not None),
+        later=tuple(
+            (calibration.second + float(logit(f.confidence)), bool(names.intersection(f.ambiguity)))
+            for f in hydraulic[1:]
+        ),
     )  # fmt: skip
 
 

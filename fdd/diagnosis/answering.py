@@ -74,7 +74,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
         round(max([onset, *(span.until(k) for k in likely)]), 2),
     )
     titles = " and ".join(BALANCES[name].title for name in h.columns)
-    sure = model.calibration.probability(found.score, against=found.against)
+    sure = model.calibration.probability(found.score, second=found.second)
     if not found.known:
         return FaultFinding(
             fault="unknown", family="unknown", ambiguity=["unknown"], confidence=round(min(sure, 0.9999), 4),

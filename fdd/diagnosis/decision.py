@@ -41,14 +41,14 @@ class Found:
     Attributes
     ----------
     explained : share of the change of its balances that it explains, given the other findings.
-    against : prior log odds against it, beside a surer one.
+    second : whether it is beside a surer one.
     """
 
     lead: Amplitude
     score: float
     shares: dict[str, float]
     explained: float = 1.0
-    against: float = 0.0
+    second: bool = False
 
     @property
     def known(self) -> bool:
@@ -101,10 +101,10 @@ def decide(
             for f in found:
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left)
-            once = _each_once(found)
+            once = [f for f in _each_once(found) if f.known or not _of_a_larger(f, found)]
             surest = max(once, key=lambda f: f.score, default=None)
             for f in once:
-                f.against = 0.0 if f is surest else SECOND_FAULT
+                f.second = f is not surest
             return once, score - against
         sure = [f for f in fits if f.score - against >= threshold]
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
@@ -150,6 +150,17 @@ def _each_once(found: list[Found]) -> list[Found]:
         h = f.lead.hypothesis
         once.setdefault((h.fault, h.ends, h.side, h.channel) if f.known else ("unknown",), f)
     return list(once.values())
+
+
+def _of_a_larger(unknown: Found, found: list[Found]) -> bool:
+    """Whether a known fault changes a balance more than an unknown one does: it is what that law leaves."""
+    own = unknown.lead
+    return any(
+        f.known
+        and f.lead.gain > own.gain
+        and f.lead.hypothesis.columns.keys() & own.hypothesis.columns.keys()
+        for f in found
+    )
 
 
 def _take_its_end(evidence: Evidence, found: list[Found]) -> None:

@@ -89,7 +89,8 @@ class Calibration(BaseModel):
     prior : the same before the log was seen; learnt curves hold for even odds. midpoint, slope : logistic of
         the score's `root`, for faults that show. unseen : share of faults that leave no trace in a log
         though they should: a quiet one does not rule them out. least : score that one healthy log in fifty
-        reaches, which a verdict asks at least. severity_doubt : relative std of a severity by
+        reaches, which a verdict asks at least. second : log odds against a finding beside a surer one: it may
+        be what the first one's law leaves. severity_doubt : relative std of a severity by
         what no column knows, as how turbulent a leak is or how a seal wears.
     """
 
@@ -98,16 +99,16 @@ class Calibration(BaseModel):
     slope: float = Field(gt=0, le=MOST)
     unseen: float = Field(default=0.0, ge=0.0, le=1.0)
     least: float = Field(default=0.0, ge=0.0, le=MOST)
+    second: float = Field(default=2.0, ge=0.0, le=MOST)
     severity_doubt: float = Field(default=0.15, ge=0.0, le=10.0)
     prior: float = Field(default=0.5, gt=0.0, lt=1.0, exclude_if=_is_even)
 
-    def probability(self, score: float, hidden: float = 0.0, *, against: float = 0.0) -> float:
+    def probability(self, score: float, hidden: float = 0.0, *, second: bool = False) -> float:
         """Of a fault, given the largest score.
 
         Parameters
         ----------
-        hidden : share of faults that this log could not have shown. against : log odds against it before the
-            log was seen, more than against any.
+        hidden : share of faults that this log could not have shown. second : a surer one was found.
 
         Examples
         --------
@@ -115,12 +116,12 @@ class Calibration(BaseModel):
         0.5
         >>> round(Calibration(midpoint=4.0, slope=1.0, unseen=0.25).probability(-9.0), 2)
         0.2
-        >>> round(Calibration(midpoint=4.0, slope=1.0).probability(8.0, against=2.0), 2)
+        >>> round(Calibration(midpoint=4.0, slope=1.0).probability(8.0, second=True), 2)
         0.12
         """
         shows = math.exp(min(max(self.slope * (root(score) - self.midpoint), -50.0), 50.0))
         odds = max(shows, 1.0 - (1.0 - self.unseen) * (1.0 - hidden)) * self.prior / (1.0 - self.prior)
-        odds *= math.exp(-against)
+        odds *= math.exp(-self.second if second else 0.0)
         return odds / (1.0 + odds)
 
     @property

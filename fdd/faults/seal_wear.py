@@ -10,6 +10,9 @@ from fdd.faults.entry import LEAKAGE, Amount, Columns, Effect, Fault, Figure, He
 _FRICTION = {"loose": 0.35, "tight": 2.0}
 _LIPS = ("_forward", "_reverse")
 _LOOSE = ("loose", "loose_forward", "loose_reverse")
+_LEAK = 0.08
+"""Of an internal leakage of severity 1, what a loose piston seal lets past at most: 1e-12 of 12e-12 m³/(s·Pa)
+(assumption: `fdd.plant.details`). A load may hide how it rubs, not how it leaks."""
 
 
 def _rubbing(kind: str) -> tuple[Effect, ...]:
@@ -39,11 +42,12 @@ def _rubbing(kind: str) -> tuple[Effect, ...]:
     )
 
 
-def _columns(kind: str, lips: tuple[str, ...], unit: Healthy) -> Columns:
+def _columns(kind: str, lips: tuple[str, ...], leak: float, unit: Healthy) -> Columns:
     change = _FRICTION[kind] - 1.0
     names = [f"friction{lip}" for lip in lips]
     # A unit whose own friction hardly shows is judged by a fifth of its profile's.
-    return {"force": {name: change * max(unit.mean("force", name), 0.2) for name in names}}
+    rubs = {"force": {name: change * max(unit.mean("force", name), 0.2) for name in names}}
+    return {**rubs, "volume": {"leak": leak * unit.leakage_ratio}} if leak else rubs
 
 
 FAULT = Fault(
@@ -82,8 +86,13 @@ FAULT = Fault(
         Effect("outside_2", "add", "loose_rod_leakage", variants=_LOOSE),
     ),
     signatures=tuple(  # one part's weight, shared by the six ways in which it wears
-        Signature(variant.replace("_", " "), partial(_columns, kind, lips), variant=variant, commonness=1 / 6)
-        for kind in _FRICTION
+        Signature(
+            variant.replace("_", " ") + (" leaking" if leak else ""),
+            partial(_columns, kind, lips, leak),
+            variant=variant,
+            commonness=weight,
+        )
+        for kind, leak, weight in (("loose", 0.0, 1 / 12), ("loose", _LEAK, 1 / 12), ("tight", 0.0, 1 / 6))
         for variant, lips in ((kind, _LIPS), *((kind + lip, (lip,)) for lip in _LIPS))
     ),
 )
