@@ -275,7 +275,11 @@ def fit(
     likely = quasi_likely(balances, parts, overdispersion, from_start=from_start)
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
-    ratio = heavy_tailed(_gain(likely, size), freedom(likely.healthy, behind))
+    more = unusual(balances, parts, overdispersion) if from_start else 0.0
+    spread = 1.0 + likely.healthy * more
+    ratio = heavy_tailed(
+        _gain(likely, size) / spread, freedom(likely.healthy * (1.0 + more) / spread, behind)
+    )
     occam = 0.5 * np.log1p(scales[:, 0] ** 2 * precision)  # of Laplace's approximation
     score = ratio - occam
     one_sided = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
@@ -338,6 +342,31 @@ def quasi_likely(
         return departures(balances, parts, 1.0 + overdispersion, from_start=False)
     found = departures(balances, parts, np.ones_like(overdispersion), from_start=True)
     return found._replace(information=found.information / (1.0 + overdispersion))
+
+
+def unusual(balances: Mapping[str, BalancePosterior], parts: Parts, overdispersion: Array) -> Array:
+    """Excess (f,) of a log's variance about its unit over the usual one, by the directions of the
+    coefficients in which no fault acts.
+
+    What logs differ by is a multivariate Student's t: one that is unusual is so in all directions. The
+    variance is the posterior mean of its scale, and no less than usual.
+    """
+    square, count = np.zeros((2, len(parts.signed)))
+    for name, columns in parts.columns.items():
+        e, mine = balances[name], np.flatnonzero(columns[:, 0].any(axis=1))
+        root = np.linalg.cholesky(e.healthy.covariance)
+        told, turned = np.linalg.eigh(root.T @ e.total @ root)
+        basis = root @ turned / np.sqrt(told.clip(1e-9) * (1.0 + told.clip(1e-9)))
+        weight = told.clip(0.0) / (1.0 + told.clip(0.0))
+        off = (e.rest.sum(axis=0) + e.total @ (e.solution - e.healthy.mean)) @ basis
+        sums = np.einsum("fph,hij,fpj->fpi", parts.time_profiles[mine], e.information, columns[mine]) @ basis
+        _, size, q = np.linalg.svd(sums, full_matrices=False)
+        q = np.where(size[..., None] > 1e-9 * size[:, :1, None], q, 0.0)
+        left = off - np.einsum("fpi,fp->fi", q, q @ off)
+        square[mine] += np.square(left) @ weight
+        count[mine] += weight.sum() - np.square(q).sum(axis=1) @ weight
+    square /= 1.0 + overdispersion
+    return np.asarray(np.maximum(square - count, 0.0) / (STUDENT + count))
 
 
 def freedom(healthy: Array, blocks: Array) -> Array:
