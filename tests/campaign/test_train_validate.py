@@ -15,7 +15,7 @@ from fdd.campaign.dataset import Conditions, Dataset, Entry, Label
 from fdd.campaign.generate import _trouble, generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, visible_from
-from fdd.campaign.train import LEAST_LOGS, ScoredLog, learnt, pareto
+from fdd.campaign.train import LEAST_LOGS, ScoredLog, learnt, pareto, second_odds
 from fdd.campaign.validate import estimate_errors, outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality, Trajectories
 from fdd.diagnosis.model import root
@@ -83,6 +83,15 @@ def test_severities_are_as_doubtful_as_their_errors() -> None:
     assert learnt(sized, "made up").calibration.severity_doubt < 0.8
     sized = [replace(x, doubt=0.4 * k / len(sized)) for k, x in enumerate(sized)]
     assert learnt(sized, "made up").calibration.severity_doubt == pytest.approx(0.32, abs=0.01)
+
+
+@pytest.mark.parametrize("right", [0.2, 0.6])
+def test_findings_beside_a_surer_one_come_true_as_often_as_said(right: float) -> None:
+    odds = np.random.default_rng(1).normal(3.0, 1.0, 500)
+    second = second_odds([(x, k < 500 * right) for k, x in enumerate(odds)])
+    assert float(np.mean(1.0 / (1.0 + np.exp(second - odds)))) == pytest.approx(right, abs=0.01)
+    assert second_odds([(9.0, False)] * (LEAST_LOGS - 1)) == 2.0, "as assumed"
+    assert second_odds([(-1.0, True)] * 20) == 0.0, "it is no surer for being second"
 
 
 def test_too_few_logs_teach_nothing() -> None:

@@ -10,7 +10,7 @@ import pytest
 from made_up_evidence import drawn, hypothesis
 
 from fdd.diagnosis.answering import Span, fault_finding, hidden_share, invisible, probabilities_of
-from fdd.diagnosis.decision import SECOND_FAULT, Found, decide
+from fdd.diagnosis.decision import Found, decide
 from fdd.diagnosis.findings import FaultFinding, Invisible
 from fdd.diagnosis.model import Calibration, Model
 
@@ -66,13 +66,13 @@ def test_what_no_column_knows_widens_a_severitys_interval(sure: Model, tiny_mode
     assert interval is not None and interval[0] == 0.0
 
 
-def test_a_fault_beside_a_surer_one_is_said_with_the_prior_against_two(sure: Model) -> None:
-    """By Bayes: its odds alone, times those of a second fault."""
+def test_a_fault_beside_a_surer_one_is_said_with_the_odds_of_a_second(sure: Model) -> None:
+    """By Bayes: its odds alone, times the learnt ones of a second finding."""
     one, two = decide(drawn(2, [(INNER, 0.7, 25), (AIR, 0.6, 55)]), EVERY, 6.0)[0]
-    assert sorted([one.against, two.against]) == [0.0, SECOND_FAULT] and one.score > two.score
-    alone = said(replace(two, against=0.0), sure).confidence
+    assert (one.second, two.second) == (False, True) and one.score > two.score
+    alone = said(replace(two, second=False), sure).confidence
     odds = said(two, sure).confidence / (1.0 - said(two, sure).confidence)
-    assert odds == pytest.approx(math.exp(-SECOND_FAULT) * alone / (1.0 - alone), rel=0.02)
+    assert odds == pytest.approx(math.exp(-sure.calibration.second) * alone / (1.0 - alone), rel=0.02)
 
 
 def finding(fault: str, family: str, confidence: float, **shares: float) -> FaultFinding:

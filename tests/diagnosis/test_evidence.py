@@ -81,6 +81,15 @@ def test_what_no_fault_explains_is_unknown() -> None:
     assert found.known and found.explained > 0.9
 
 
+def test_what_a_known_faults_law_leaves_is_no_unknown_fault() -> None:
+    """A leak whose balance changes once more, across all laws and less: the leak alone is told."""
+    other = hypothesis("other", [0.2, 0.8, 0.0])
+    found, _ = decide(drawn(1, [(LEAK, 1.5, 25), (other, 0.8, 55)]), [LEAK], 4.0)
+    assert [f.group for f in found] == [["leak"]]
+    alone, _ = decide(drawn(1, [(other, 0.8, 55)]), [LEAK], 4.0)
+    assert [f.group for f in alone] == [["unknown"]]
+
+
 def test_of_faults_in_balances_apart_the_surest_leads() -> None:
     """The gain of one is larger, but its frames' errors hang together."""
     evidence = drawn(1, [(LEAK, 0.4, 40)], colour=0.9)
