@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,10 @@ FALSE_VERDICTS = 0.02
 """Share of healthy logs that a verdict may call faulty."""
 LASTING_S = 120.0
 """s of a healthy log from which on it stands for hours of work."""
+LAW_SPREAD = 0.6
+"""Std of a severity's logarithm by its law, which the logs learnt from share with the signatures: a leak goes
+by the root of pressure to its square, of which a machine uses a decade (0.6 times 0.66), and a part opens
+by its wear or by the square of it (half of ln severity, 1 root mean square). Assumed."""
 LEAST_LOGS = 8
 """Healthy, and faulty, logs below which nothing is learnt."""
 
@@ -46,9 +51,9 @@ class ScoredLog:
     structure : of its unit, where the recipe has several. family : true one. faults : true ones.
     laws : fault and law of those that may have several.
     answer : leading one, "" for none. score : of the whole log. peak : the largest that stood meanwhile.
-    healthy_s : s before a fault acts. doubt : relative std that the severity's 80 % interval lacked to hold
-        the true one; NaN where another fault was answered. hidden : share of faults that it could not have
-        shown. later : of each finding beside a surer one its log odds and whether it was right.
+    healthy_s : s before a fault acts. doubt : std of the severity's logarithm that its 80 % interval lacked
+        to hold the true one; NaN where another fault was answered. hidden : share of faults that it could
+        not have shown. later : of each finding beside a surer one its log odds and whether it was right.
     """
 
     unit: str
@@ -126,10 +131,11 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     hidden = float(np.mean([x.hidden for x in logs if x.family != "healthy"]))
     unseen = max(1.0 - (1.0 - missed) / max(1.0 - hidden, 1e-3), 0.0)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
+    doubt = float(np.quantile(doubts, 0.8)) if doubts.size >= LEAST_LOGS else 0.15
     calibration = Calibration(
         midpoint=round(midpoint, 3), slope=round(slope, 4), unseen=round(unseen, 3),
         least=round(0.5 * float(np.quantile(of_logs, 1.0 - FALSE_VERDICTS)) ** 2, 3),
-        severity_doubt=round(float(np.quantile(doubts, 0.8)), 3) if doubts.size >= LEAST_LOGS else 0.15,
+        severity_doubt=round(math.hypot(LAW_SPREAD, doubt), 3),
         second=round(second_odds([pair for x in logs for pair in x.later]), 3),
     )  # fmt: skip
     taught = tuple(sorted({name for x in logs for name in x.faults}))
@@ -213,7 +219,7 @@ def _score(entry: Entry, samples: Samples, profile: Unit, model: Model) -> Score
 
 
 def _doubt(entry: Entry, found: list[FaultFinding], known: float) -> float:
-    """What the leading severity's relative std must be for its 80 % interval to reach the true one.
+    """What the std of the leading severity's logarithm must be for its 80 % interval to reach the true one.
 
     Parameters
     ----------
@@ -224,6 +230,6 @@ def _doubt(entry: Entry, found: list[FaultFinding], known: float) -> float:
     size, interval = found[0].severity, found[0].severity_interval
     if not size or interval is None:
         return float("nan")
-    own = ((interval[1] - size) / Z80) ** 2 - (known * size) ** 2
-    missing = ((size - entry.faults[0].severity) / Z80) ** 2 - max(own, 0.0)
-    return float(np.sqrt(max(missing, 0.0)) / size)
+    own = (np.log(interval[1] / size) / Z80) ** 2 - known**2
+    missing = (np.log(size / entry.faults[0].severity) / Z80) ** 2 - max(own, 0.0)
+    return float(np.sqrt(max(missing, 0.0)))

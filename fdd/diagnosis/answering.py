@@ -30,6 +30,8 @@ Z80 = 1.2816
 """Standard normal's 90 % quantile: an 80 % interval either way."""
 LEAST_SHOWN = 2.0
 """Severity beyond which a fault counts as invisible: twice the gross one."""
+MOST_SPREAD = 3.0
+"""Upper bound of a severity's std of the logarithm, beyond which nothing is known of it."""
 COMES_AND_GOES = 0.7
 """Ratio of mean to active amplitude below which a fault is reported as intermittent."""
 
@@ -87,7 +89,10 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
             next_check=fault("unknown").next_check,
         )  # fmt: skip
     size = abs(lead.active_amplitude)
-    std = math.hypot(math.sqrt(lead.variance), model.calibration.severity_doubt * size)
+    # A size of which a law, or its scale, is wrong is so many times too large: log-normal.
+    own = math.log1p(lead.variance / max(size, 1e-9) ** 2)
+    spread = math.sqrt(own + model.calibration.severity_doubt**2)
+    low, high = (size * math.exp(sign * Z80 * min(spread, MOST_SPREAD)) for sign in (-1.0, 1.0))
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
     words = {
@@ -98,7 +103,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     stretch = span.stretch.replace("stretches", "stretch") if round(lead.blocks) == 1 else span.stretch
     sentences = [
         f"The balance of {titles} does not close {words} {onset:.1f} s on; "
-        f"{fault(h.fault).title} of severity {size:.2f} ± {std:.2f} explains it "
+        f"{fault(h.fault).title} of severity {size:.2f} ({low:.2f} to {high:.2f}) explains it "
         f"(log likelihood ratio {found.score:.1f}, from {lead.blocks:.0f} {stretch})."
     ]
     if abs(lead.size) < COMES_AND_GOES * size:
@@ -120,7 +125,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
         fault=h.fault, family=fault(h.fault).family, ambiguity=group, shares=alike,
         confidence=round(min(sure * share, 0.9999), 4),
         onset_s=round(onset, 2), detected_s=round(detected, 2), severity=round(size, 3), evidence=sentences,
-        severity_interval=(round(max(size - Z80 * std, 0.0), 3), round(size + Z80 * std, 3)),
+        severity_interval=(round(low, 3), round(high, 3)),
         onset_interval=interval,
         side=h.side, variant=h.variant, channel=h.channel,
         next_check=fault(h.fault).next_check,

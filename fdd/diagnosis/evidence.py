@@ -24,13 +24,12 @@ from fdd.diagnosis.fitting import (
     Fit,
     Parts,
     Stretches,
-    as_normal,
     fit,
-    freedom,
     known_scatter,
     quasi_likely,
 )
 from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.diagnosis.students_t import as_normal, freedom
 from fdd.residuals.effects import Effects
 
 Array = NDArray[np.float64]

@@ -90,8 +90,8 @@ class Calibration(BaseModel):
         the score's `root`, for faults that show. unseen : share of faults that leave no trace in a log
         though they should: a quiet one does not rule them out. least : score that one healthy log in fifty
         reaches, which a verdict asks at least. second : log odds against a finding beside a surer one: it may
-        be what the first one's law leaves. severity_doubt : relative std of a severity by
-        what no column knows, as how turbulent a leak is or how a seal wears.
+        be what the first one's law leaves. severity_doubt : std of a severity's logarithm
+        by what no column knows, as how turbulent a leak is or how a seal wears.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)

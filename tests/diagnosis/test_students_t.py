@@ -1,4 +1,4 @@
-"""Pieces of the fit beside SciPy's."""
+"""Student's t and its pieces beside SciPy's."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from scipy.special import log_ndtr
 from scipy.stats import t
 
 from fdd.diagnosis.evidence import Evidence
-from fdd.diagnosis.fitting import Parts, as_normal, freedom, heavy_tailed, log_normal, unusual
+from fdd.diagnosis.fitting import Parts
+from fdd.diagnosis.students_t import as_normal, freedom, heavy_tailed, log_normal, unusual
 
 
 @pytest.mark.parametrize("z", [-1e4, -200.0, -30.01, -30.0, -29.99, -8.0, -1.0, -0.0, 0.0, 0.5, 3.0, 7.0])
