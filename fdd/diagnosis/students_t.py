@@ -36,7 +36,9 @@ def unusual(balances: Mapping[str, BalancePosterior], parts: Parts, overdispersi
         basis = root @ turned / np.sqrt(told.clip(1e-9) * (1.0 + told.clip(1e-9)))
         weight = told.clip(0.0) / (1.0 + told.clip(0.0))
         off = (e.rest.sum(axis=0) + e.total @ (e.solution - e.healthy.mean)) @ basis
-        sums = np.einsum("fph,hij,fpj->fpi", parts.time_profiles[mine], e.information, columns[mine]) @ basis
+        acting = parts.time_profiles[mine] @ e.information.reshape(len(e.information), -1)
+        acting = acting.reshape(*columns[mine].shape, -1)
+        sums = np.einsum("fpij,fpj->fpi", acting, columns[mine]) @ basis
         _, size, q = np.linalg.svd(sums, full_matrices=False)
         q = np.where(size[..., None] > 1e-9 * size[:, :1, None], q, 0.0)
         left = off - np.einsum("fpi,fp->fi", q, q @ off)
