@@ -37,7 +37,7 @@ def unusual(balances: Mapping[str, BalancePosterior], parts: Parts, overdispersi
         weight = told.clip(0.0) / (1.0 + told.clip(0.0))
         off = (e.rest.sum(axis=0) + e.total @ (e.solution - e.healthy.mean)) @ basis
         acting = parts.time_profiles[mine] @ e.information.reshape(len(e.information), -1)
-        acting = acting.reshape(*columns[mine].shape, -1)
+        acting = acting.reshape(*acting.shape[:2], *e.total.shape)
         sums = np.einsum("fpij,fpj->fpi", acting, columns[mine]) @ basis
         _, size, q = np.linalg.svd(sums, full_matrices=False)
         q = np.where(size[..., None] > 1e-9 * size[:, :1, None], q, 0.0)
