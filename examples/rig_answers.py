@@ -21,6 +21,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
+from fdd.campaign.scores import wilson
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.pipeline import Pipeline
@@ -43,7 +44,7 @@ def main() -> None:
     parser.add_argument("--labels", type=Path, help="print a table of truth and answer too")
     options = parser.parse_args()
     labels = json.loads(options.labels.read_text(encoding="utf-8")) if options.labels else {}
-    failures = 0
+    failures, held = 0, list[bool]()
     if labels:
         print("| log | load | truth | answer | onset: truth, answer | verdict is |")
         print("| --- | --- | --- | --- | --- | --- |", flush=True)
@@ -68,9 +69,12 @@ def main() -> None:
             (target / f"{path.stem}.json").write_text(found.model_dump_json(by_alias=True, indent=1))
             if name in by_stem:
                 print(row(name, by_stem[name], found), flush=True)
+                held += sized(by_stem[name], found)
             else:
                 leading = found.faults[0].fault if found.faults else found.verdict
                 print(f"{name}: {leading} ({time.perf_counter() - started:.1f} s)", flush=True)
+    if held:
+        print(f"\n80 % intervals of severity hold the true one: {wilson(sum(held), len(held))}")
     if failures:
         sys.exit(f"{failures} logs or rigs failed")
 
@@ -119,6 +123,16 @@ def row(name: str, label: dict[str, Any], found: Diagnosis) -> str:
         answer, onset = found.verdict, f"{onsets}; -" if onsets else ""
     load = f"{label.get('load', '')}{condition}"
     return f"| {name} | {load} | {truth} | {answer} | {onset} | {judged(label, found)} |"
+
+
+def sized(label: dict[str, Any], found: Diagnosis) -> list[bool]:
+    """Whether the interval of a single fault's severity holds the true one; empty where it was not named."""
+    return [
+        first.severity_interval[0] <= truth["severity"] <= first.severity_interval[1]
+        for truth in label["faults"][:1]
+        for first in found.faults[:1]
+        if len(label["faults"]) == 1 and first.fault == truth["fault"] and first.severity_interval is not None
+    ]
 
 
 def judged(label: dict[str, Any], found: Diagnosis) -> str:

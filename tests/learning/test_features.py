@@ -46,7 +46,7 @@ def test_the_fits_are_those_that_the_answer_was_made_of(
     # The interval of 80 % (1.2816 standard deviations) holds the model's own doubt besides.
     own = math.log1p((whole["severity_internal_leakage_std"] / found.severity) ** 2)
     spread = math.sqrt(own + tiny_model.calibration.severity_doubt**2)
-    assert math.log(high / found.severity) == pytest.approx(1.2816 * spread, abs=5e-3)
+    assert math.log(high / found.severity) == pytest.approx(1.2816 * spread, abs=2e-3)
     for name in {f.hypothesis.fault for f in pipeline.fitted}:
         leading = max((f for f in pipeline.fitted if f.hypothesis.fault == name), key=lambda f: f.gain)
         assert (
