@@ -45,75 +45,75 @@ def departures(
 
     Parameters
     ----------
-    overdispersion : (f,), factor on the variance of noise. from_start : faults were there
-        before the first frame.
+    overdispersion : (f,), factor on the variance of noise; (m, f) for several at once, and so is all that is
+        returned. from_start : faults were there before the first frame.
     """
     precision = 1.0 / np.square(parts.scales)
     joint = precision[:, :, None] * np.eye(precision.shape[1])
-    score = np.zeros(precision.shape)
-    lost = np.zeros_like(joint)
+    joint = np.array(np.broadcast_to(joint, (*overdispersion.shape, *joint.shape[1:])))
+    score, lost = np.zeros(joint.shape[:-1]), np.zeros_like(joint)
     for name, columns in parts.columns.items():
         mine = np.flatnonzero(columns.any(axis=(1, 2)))
-        profiles, factor = parts.time_profiles[mine], overdispersion[mine]
+        profiles, factor = parts.time_profiles[mine], overdispersion[..., mine]
         own, information, less = _part(balances[name], columns[mine], profiles, factor, from_start=from_start)
-        score[mine] += own
-        joint[mine] += information
-        lost[mine] += less
-    size = np.linalg.solve(joint, score[..., None])[:, 0, 0]
-    inverse = np.linalg.inv(joint)[:, :, 0]
-    along = inverse / inverse[:, :1]  # the known ones follow the first
-    share = inverse[:, 0] * np.einsum("fp,fpq,fq->f", along, lost, along)
-    return Departures(np.asarray(size), np.asarray(1.0 / inverse[:, 0]), np.asarray(share))
+        score[..., mine, :] += own
+        joint[..., mine, :, :] += information
+        lost[..., mine, :, :] += less
+    inverse = np.linalg.inv(joint)[..., 0]
+    size = np.sum(inverse * score, axis=-1)
+    along = inverse / inverse[..., :1]  # the known ones follow the first
+    share = inverse[..., 0] * np.sum(along * _times(lost, along), axis=-1)
+    return Departures(np.asarray(size), np.asarray(1.0 / inverse[..., 0]), np.asarray(share))
 
 
 def _part(
     e: BalancePosterior, g: Array, time_profiles: Array, overdispersion: Array, *, from_start: bool
 ) -> tuple[Array, Array, Array]:
-    """One balance's scores (f, p) and information (f, p, p) of the amplitudes, healthy changes of the
+    """One balance's scores (…, f, p) and information (…, f, p, p) of the amplitudes, healthy changes of the
     coefficients marginalised; and how much information a relative increase of the prior's variance costs.
+
+    Noise of κ times the variance is a prior of κ times the precision, and all information divided by κ.
 
     Parameters
     ----------
-    g : (f, p, n) columns. time_profiles : (f, p, h).
+    g : (f, p, n) columns. time_profiles : (f, p, h). overdispersion : (…, f), κ.
     """
     f, p, n = g.shape
     flat = e.information.reshape(len(e.information), -1)
-    k = overdispersion[:, None, None]
-    sums = (time_profiles @ flat).reshape(f, p, n, n) / k[..., None]
+    sums = (time_profiles @ flat).reshape(f, p, n, n)
+    moved = _times(sums, g)
     both = np.stack([(time_profiles[:, i, None] * time_profiles) @ flat for i in range(p)], axis=1)
-    both = both.reshape(f, p, p, n, n) / k[..., None, None]
-    prior, total = np.linalg.inv(e.healthy.covariance), e.total / k
+    contribution = _times(both.reshape(f, p, p, n, n), g[:, None])  # of the second to the first's scores
+    information = np.sum(g[:, :, None] * contribution, axis=-1)
+    k, prior = overdispersion[..., None, None], np.linalg.inv(e.healthy.covariance)
+    seen = e.rest.sum(axis=0) + e.total @ e.solution
     if from_start:
-        own = np.broadcast_to(e.healthy.mean, (f, n))
-        contribution = np.einsum("fpij,fpj->fpi", sums, g)
-        inverse_variance = np.broadcast_to(prior, total.shape)
+        own, contribution, total, by_frames = e.healthy.mean, moved, e.total, np.zeros(moved.shape[2:])
+        vector, inverse_variance = seen - e.total @ own, prior
     else:
-        inverse = np.linalg.inv(prior + total)
-        seen = e.rest.sum(axis=0) + e.total @ e.solution
-        own = (inverse @ (prior @ e.healthy.mean + seen / overdispersion[:, None])[..., None])[..., 0]
-        both = both - np.einsum("fpij,fjk,fqkl->fpqil", sums, inverse, sums)
-        total, contribution = both[:, 0, 0], np.einsum("fpij,fpj->fpi", both[:, 0], g)
-        inverse_variance = np.linalg.inv(changes(e, k * sums[:, 0]))
-    rest = time_profiles @ e.rest / k + np.einsum("fpij,fj->fpi", sums, e.solution - own)
-    if from_start:
-        vector = (e.rest.sum(axis=0) + (e.solution - own) @ e.total) / overdispersion[:, None]
-    else:
-        vector = rest[:, 0]
-    marginal = np.linalg.inv(inverse_variance + total)
-    shift = np.einsum("fij,fj->fi", marginal, vector)
-    by_one = np.einsum("fij,fpj->fpi", marginal, contribution)
+        by_frames = np.linalg.inv(k * prior + e.total)
+        own = _times(by_frames, k[..., 0] * (prior @ e.healthy.mean) + seen)[..., None, :]
+        taken = moved @ by_frames  # symmetric
+        information = information - taken @ np.swapaxes(moved, -1, -2)
+        contribution = contribution[:, 0] - taken @ sums[:, 0]
+        total = both.reshape(f, p, p, n, n)[:, 0, 0] - sums[:, 0] @ by_frames @ sums[:, 0]
+        inverse_variance = np.linalg.inv(changes(e, sums[:, 0]))
+    rest = time_profiles @ e.rest + _times(sums, e.solution - own)
+    marginal = np.linalg.inv(k * inverse_variance + total)
+    by_one = contribution @ marginal
     if from_start:
         own_shift = by_one
     else:
-        before = np.einsum("fpij,fpj->fpi", sums, g) - np.einsum("fij,fpj->fpi", sums[:, 0], by_one)
-        own_shift = np.einsum("fij,fpj->fpi", inverse, before)
-    score = np.einsum("fpn,fpn->fp", g, rest)
-    information = np.einsum("fpi,fpqij,fqj->fpq", g, both, g)
-    return (
-        score - np.einsum("fpi,fi->fp", contribution, shift),
-        information - np.einsum("fpi,fqi->fpq", contribution, by_one),
-        np.einsum("fpi,ij,fqj->fpq", own_shift, prior, own_shift),
-    )
+        vector = rest[..., 0, :]
+        own_shift = (moved - by_one @ sums[:, 0]) @ by_frames
+    score = np.sum(g * rest, axis=-1) - _times(by_one, vector)
+    information = information - by_one @ np.swapaxes(contribution, -1, -2)
+    return score / k[..., 0], information / k, own_shift @ prior @ np.swapaxes(own_shift, -1, -2)
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Matrices times vectors, over the axes before them."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def changes(e: BalancePosterior, after: Array) -> Array:
@@ -142,4 +142,6 @@ def _alike(e: BalancePosterior, before: Array, after: Array) -> Array:
     std = np.sqrt(e.healthy.log_variance)
     one, two = (x * std * std[:, None] for x in (before, after))
     own = np.sqrt(np.sum(one * one, axis=(1, 2)) * np.sum(two * two, axis=(1, 2)))
-    return np.asarray(np.clip(np.sum(one * two, axis=(1, 2)) / np.maximum(own, 1e-300), 0.0, 1.0))
+    # Where all is before or all is after, the rest is rounding, which resembles nothing.
+    rounding = 1e-9 * np.sum(np.square(one + two), axis=(1, 2))
+    return np.asarray(np.clip(np.sum(one * two, axis=(1, 2)) / (own + rounding + 1e-300), 0.0, 1.0))

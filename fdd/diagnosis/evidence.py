@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.departures import VAGUE, changes, departures
+from fdd.diagnosis.departures import VAGUE, changes
 from fdd.diagnosis.fitting import (
     GREATEST,
     BalancePosterior,
@@ -26,7 +26,7 @@ from fdd.diagnosis.fitting import (
     Stretches,
     fit,
     known_scatter,
-    quasi_likely,
+    under,
 )
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.students_t import as_normal, freedom
@@ -307,8 +307,7 @@ class Evidence:
         parts = Parts(
             columns, time_profiles, np.full((len(testable), 1), VAGUE), np.array([h.signed for h in testable])
         )
-        found = departures(self.balances, parts, overdispersion, from_start=onset == 0)
-        likely = quasi_likely(self.balances, parts, overdispersion, from_start=onset == 0)
+        _, found, likely = under(self.balances, parts, overdispersion, from_start=onset == 0)
         blocks = np.full(len(testable), (self.frames - onset) / self.stretches.frames)
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(prior_weight)
         ratio = as_normal(wanted.clip(0.0), freedom(likely.healthy, blocks))

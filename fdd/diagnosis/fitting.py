@@ -260,14 +260,12 @@ def fit(
     known = known_scatter(balances, directions)
     overdispersion = _scatter(u, w, time_profiles[:, 0], parts.signed, known, prior_information, blocks)
     overdispersion = overdispersion.clip(stretches.least)
-    found = departures(balances, parts, overdispersion, from_start=from_start)
+    # The overdispersion differs from fault to fault: gains, which are compared with each other, leave it out.
+    plain, found, likely = under(balances, parts, overdispersion, from_start=from_start)
     precision = found.information
     size = np.where(parts.signed, np.clip(found.size, 0.0, GREATEST), found.size)
-    # The overdispersion differs from fault to fault: gains, which are compared with each other, leave it out.
-    plain = departures(balances, parts, np.ones(size.size), from_start=from_start)
     gain = _gain(plain, np.where(parts.signed, np.clip(plain.size, 0.0, GREATEST), plain.size))
     gain = np.maximum(gain, schur * size * (free - 0.5 * size))
-    likely = quasi_likely(balances, parts, overdispersion, from_start=from_start)
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
     more = unusual(balances, parts, overdispersion) if from_start else 0.0
@@ -308,19 +306,22 @@ def _gain(found: Departures, size: Array) -> Array:
     return size * found.information * (found.size - 0.5 * size)
 
 
-def quasi_likely(
+def under(
     balances: Mapping[str, BalancePosterior], parts: Parts, overdispersion: Array, *, from_start: bool
-) -> Departures:
-    """Amplitudes by a quasi-likelihood (Wedderburn 1974, doi 10.1093/biomet/61.3.439): the variance is
-    that of the rows' noise times 1 + κ.
+) -> tuple[Departures, Departures, Departures]:
+    """Amplitudes with the rows' own noise, with κ times its variance, and by a quasi-likelihood.
 
+    The quasi-likelihood (Wedderburn 1974, doi 10.1093/biomet/61.3.439) has noise of 1 + κ times the variance.
     From the start the unit's prior counts with the same factor, since a unit whose balances close badly
     differs more from log to log as well; the variance of changes within a healthy log is used as it is.
     """
-    if not from_start:
-        return departures(balances, parts, 1.0 + overdispersion, from_start=False)
-    found = departures(balances, parts, np.ones_like(overdispersion), from_start=True)
-    return found._replace(information=found.information / (1.0 + overdispersion))
+    ones = np.ones_like(overdispersion)
+    factors = [ones, overdispersion] if from_start else [ones, overdispersion, 1.0 + overdispersion]
+    all_of = departures(balances, parts, np.stack(factors), from_start=from_start)
+    plain, found, *likely = (Departures(*x) for x in zip(*all_of, strict=True))
+    if from_start:
+        likely = [plain._replace(information=plain.information / (1.0 + overdispersion))]
+    return plain, found, likely[0]
 
 
 def _while_acting(u: Array, w: Array, overdispersion: Array) -> Array:
