@@ -237,8 +237,8 @@ class Pipeline:
         if not self._tracked.keep:
             del self._scans[: -SCANS_KEPT + 1]
         number = self._history.taken // SCAN_FRAMES
-        # The share that could not be seen changes fast in the first minute, and slowly after it.
-        if number <= SCANS_A_MINUTE or number % SCANS_A_MINUTE == 1 or not self._scans:
+        # The share that could not be seen changes fast at first, and slowly after a minute.
+        if number in (1, 2, 4, 8) or number % SCANS_A_MINUTE == 1 or not self._scans:
             self._hidden = hidden_share(invisible(evaluation.evidence, self._hypotheses, self.threshold))
         self._scans.append((evaluation.now, evaluation.stands))
         fresh, over = self._acute.take(evaluation, self._history.frames[0] * FRAME_S)
