@@ -104,8 +104,8 @@ class Fleet:
             # A step that took longer than its blocks took to come has no time for others.
             quick = not taken or (taken < MOST_TAKEN and time.monotonic() - began < PACE_S)
             caught_up = self.catch_up(stop, idle=not taken) if quick or self.backlog.is_full else 0
-            if taken < MOST_TAKEN and not caught_up:
-                stop.wait(PACE_S)
+            if taken < MOST_TAKEN and not caught_up:  # what came during a long step has gathered
+                stop.wait(max(0.0, PACE_S - (time.monotonic() - began)))
         # A step that was given up has changed states and is not stored: kept, its alarms would count as told.
         if self.writer.trouble is None:
             self.keep(stop)
