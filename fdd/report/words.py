@@ -233,8 +233,19 @@ def _leaning(diagnosis: Diagnosis) -> str:
 
 
 def likely(diagnosis: Diagnosis) -> list[tuple[str, float]]:
-    """Families of at least half a percent by probability at the end of the log."""
-    finite = {k: p for k, p in diagnosis.probabilities.items() if math.isfinite(p) and p >= 0.005}
+    """Families of at least half a percent by probability at the end of the log.
+
+    The answer's own add up to one, so that a second fault has what the first leaves: here each family has the
+    probability that it is there.
+    """
+    present = dict(diagnosis.probabilities)
+    for finding in diagnosis.faults:
+        own: dict[str, float] = {}
+        for name, share in (finding.shares or {finding.fault: 1.0}).items():
+            family = CATALOGUE[name].family if name in CATALOGUE else finding.family
+            own[family] = own.get(family, 0.0) + finding.confidence * share
+        present |= {family: max(p, present.get(family, 0.0)) for family, p in own.items()}
+    finite = {k: p for k, p in present.items() if math.isfinite(p) and p >= 0.005}
     return sorted(finite.items(), key=lambda item: -item[1])
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from fdd.diagnosis.findings import Quality
 from fdd.report import tables
 from fdd.report.tables import estimate_rows, number, with_std
-from fdd.report.words import finding_words, headline, percent, severity_one, span, verdict_words
+from fdd.report.words import finding_words, headline, likely, percent, severity_one, span, verdict_words
 from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
 
@@ -34,6 +34,17 @@ def test_a_fault_in_one_line(case: Callable[..., Any]) -> None:
     assert found.place == "Where and how: chamber 2, loose forward."
     finding.side, finding.variant, finding.channel = None, None, "pressure_1"
     assert finding_words(finding).place == "Where and how: pressure 1."
+
+
+def test_each_family_has_the_probability_that_it_is_there(case: Callable[..., Any]) -> None:
+    """A second fault of 96 % was listed at the 1 % that the first leaves it."""
+    diagnosis = case("faulty", rows=60_000).diagnosis
+    (first,) = diagnosis.faults
+    first.confidence, first.ambiguity, first.shares = 0.99, ["internal_leakage"], {}
+    air = first.model_copy(update={"fault": "aeration", "family": "aeration", "confidence": 0.96})
+    diagnosis.faults.append(air)
+    diagnosis.probabilities = {"leakage": 0.99, "aeration": 0.0096, "healthy": 0.0004}
+    assert likely(diagnosis) == [("leakage", 0.99), ("aeration", 0.96)]
 
 
 def test_the_shares_of_a_group_reach_the_headline_and_the_less_likely_is_said_to_be(
