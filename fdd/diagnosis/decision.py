@@ -97,7 +97,8 @@ def decide(
         ]
         against = SECOND_FAULT if found else 0.0
         score = max((f.score for f in fits), default=against)
-        if score - against < threshold or len(_each_once(found)) == MOST_FAULTS or added == MOST_FINDINGS:
+        enough = len(_each_once(found)) == MOST_FAULTS or added == MOST_FINDINGS
+        if not fits or score - against < threshold or enough:
             for f in found:
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left)

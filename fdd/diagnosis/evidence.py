@@ -42,6 +42,9 @@ DRIFT_FRAMES = 100
 FREE_SPREAD = 10.0
 """Prior standard deviation of an unmodelled fault's change of a coefficient, in standard deviations from log
 to log of the healthy unit."""
+LEAST_GAIN = 2.0
+"""Nats of log likelihood ratio up to which a fault is not fitted: its score, less by what a free amplitude
+gains by chance, is about 0 at most."""
 KINDS = ("step", "ramp", "drift")
 NINE_IN_TEN = 1.2816
 """90 % quantile of the standard normal distribution."""
@@ -175,7 +178,7 @@ class Evidence:
         found = [
             (h, kind, int(self.onsets[_likeliest(gain)]), gain)
             for h, (most, kind, gain) in zip(testable, best, strict=True)
-            if most > 0.0
+            if most > LEAST_GAIN
         ]
         early = self.fitted([x for x in found if x[2] == 0], known)
         late = self.fitted([x for x in found if x[2] > 0], known)
