@@ -81,17 +81,18 @@ class Process:
         config = {"schema": "fdd.serve/1", "state": "state", "fallback": "axis_a", "sources": sources,
                   "listen": {"port": self.port}, **more}  # fmt: skip
         (folder / "serve.yaml").write_text(yaml.safe_dump(config))
+        paths = [str(Path(fdd.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+        self.environ = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
         self.popen: subprocess.Popen[bytes]
 
     def spawn(self) -> None:
         """Start it, and go on at once."""
-        paths = [str(Path(fdd.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
         pinned = None if self._core is None else partial(os.sched_setaffinity, 0, {self._core})
         program = [sys.executable, "-c", "from fdd.cli import main; main()", "serve"]
         with self.log.open("ab") as log:
             self.popen = subprocess.Popen(
                 [*program, str(self.folder / "serve.yaml")], stdout=log, stderr=log, stdin=subprocess.DEVNULL,
-                preexec_fn=pinned, env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))},
+                preexec_fn=pinned, env=self.environ,
             )  # fmt: skip
 
     def start(self) -> None:

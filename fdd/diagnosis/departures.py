@@ -88,16 +88,16 @@ def _part(
     k, prior = overdispersion[..., None, None], np.linalg.inv(e.healthy.covariance)
     seen = e.rest.sum(axis=0) + e.total @ e.solution
     if from_start:
-        own, contribution, total, by_frames = e.healthy.mean, moved, e.total, np.zeros(moved.shape[2:])
+        own, contribution, total = e.healthy.mean, moved, e.total
         vector, inverse_variance = seen - e.total @ own, prior
     else:
-        by_frames = np.linalg.inv(k * prior + e.total)
+        by_frames = np.asarray(np.linalg.inv(k * prior + e.total), dtype=np.float64)
         own = _times(by_frames, k[..., 0] * (prior @ e.healthy.mean) + seen)[..., None, :]
-        taken = moved @ by_frames  # symmetric
+        first, taken = sums[:, 0], moved @ by_frames  # symmetric
         information = information - taken @ np.swapaxes(moved, -1, -2)
-        contribution = contribution[:, 0] - taken @ sums[:, 0]
-        total = both.reshape(f, p, p, n, n)[:, 0, 0] - sums[:, 0] @ by_frames @ sums[:, 0]
-        inverse_variance = np.linalg.inv(changes(e, sums[:, 0]))
+        contribution = contribution[:, 0] - taken @ first
+        total = np.asarray(both.reshape(f, p, p, n, n)[:, 0, 0] - first @ by_frames @ first)
+        inverse_variance = np.linalg.inv(changes(e, first))
     rest = time_profiles @ e.rest + _times(sums, e.solution - own)
     marginal = np.linalg.inv(k * inverse_variance + total)
     by_one = contribution @ marginal
@@ -105,7 +105,7 @@ def _part(
         own_shift = by_one
     else:
         vector = rest[..., 0, :]
-        own_shift = (moved - by_one @ sums[:, 0]) @ by_frames
+        own_shift = (moved - by_one @ first) @ by_frames
     score = np.sum(g * rest, axis=-1) - _times(by_one, vector)
     information = information - by_one @ np.swapaxes(contribution, -1, -2)
     return score / k[..., 0], information / k, own_shift @ prior @ np.swapaxes(own_shift, -1, -2)

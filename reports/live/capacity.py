@@ -192,15 +192,19 @@ def why_not() -> str | None:
 
 
 @contextmanager
-def served_by_broker(profile: str | None = None, core: int | None = None) -> Iterator[tuple[Process, int]]:
+def served_by_broker(
+    profile: str | None = None, core: int | None = None, *, cold: bool = False
+) -> Iterator[tuple[Process, int]]:
     """A service that has started, pinned to a core or not, and the port of its broker.
 
-    `profile`: YAML, the demo's where none is given.
+    `profile`: YAML, the demo's where none is given. `cold`: its compiled code is not in the cache.
     """
     with tempfile.TemporaryDirectory(prefix="fdd-load-") as name, broker(Path(name)) as port:
         (Path(name) / "unit.yaml").write_text(profile or profile_text(), "utf-8")
         source = {"type": "mqtt", "host": "127.0.0.1", "port": port, "topics": ["rig/{axis}/blocks"]}
         served = Process(Path(name), [source], core, fallback=str(Path(name) / "unit.yaml"))
+        if cold:
+            served.environ["NUMBA_CACHE_DIR"] = str(Path(name) / "cache")
         try:
             served.start()
             yield served, port
@@ -298,14 +302,12 @@ class _Watched:
 
 
 @contextmanager
-def _watched(
-    recorded: Sequence[Samples], profile: str | None = None, spread_s: float = LOOKS_EVERY_S
-) -> Iterator[_Watched]:
+def _watched(recorded: Sequence[Samples], spread_s: float = LOOKS_EVERY_S, **how: Any) -> Iterator[_Watched]:
     """The service has one core, what sends to it and hears it the others; axes begin within `spread_s`."""
     core, *others = sorted(os.sched_getaffinity(0))
     os.sched_setaffinity(0, others)
     try:
-        with served_by_broker(profile, core) as (served, port):
+        with served_by_broker(core=core, **how) as (served, port):
             watched = _Watched(served, port, recorded, spread_s)
             try:
                 yield watched
@@ -338,6 +340,7 @@ def harder(
         "every axis leaks": ([recorded[LEAKING]], {}),
         "all axes begin at once": (recorded, {"spread_s": 0.0}),
         "no axis has a baseline": (recorded, {"profile": plain}),
+        "nothing is compiled yet": (recorded, {"cold": True}),
     }
     found = {}
     for name, (logs, how) in cases.items():

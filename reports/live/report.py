@@ -34,8 +34,6 @@ from reports.live import capacity
 from reports.service import AXIS, MOSQUITTO, resident, until
 from reports.writing import FOLDER, OutOption, load_now, made_by, render, require_folder, write_report
 
-GOAL_AXES, GOAL_BYTES = 100, 20e6
-"""Axes on a core, and memory of each, that were asked for."""
 HARDER_AXES = 40
 """Of the cases in which each axis costs more."""
 BEFORE_S = 10.0
@@ -47,7 +45,7 @@ def load(
     out: OutOption = FOLDER,
     axes: Annotated[
         str, typer.Option(help="Numbers of axes that are tried, rising.", metavar="N,N,...")
-    ] = "20,40,60,80,90,100,120,140",
+    ] = "20,40,50,60,80,100",
     seconds: Annotated[float, typer.Option(min=20.0, max=3600.0, help="With each number of axes.")] = 60.0,
     repeats: Annotated[int, typer.Option(min=1, max=100, help="Runs of the fleet that are timed.")] = 3,
     aged: Annotated[
@@ -88,8 +86,8 @@ def report_text(
     """The whole report; `why` says what hindered the measurement in real time."""
     return render(
         Path(__file__).with_name("live.md.j2"), made_by=made_by("load"), load_now=load_now(), cost=cost,
-        stages=stages, seconds=seconds, why=why, best=_most(stages), goal_axes=GOAL_AXES,
-        goal_bytes=GOAL_BYTES, settle=capacity.SETTLE_S, lag=capacity.LAG_S, cases=cases or {}, over=over,
+        stages=stages, seconds=seconds, why=why, best=_most(stages),
+        settle=capacity.SETTLE_S, lag=capacity.LAG_S, cases=cases or {}, over=over,
         aged=math.isfinite(cost.axis_bytes),
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_up_evidence import DRIFT, EFFECTS, FRAMES, LEAK, drawn
 
-from fdd.diagnosis.departures import VAGUE, Departures, departures
+from fdd.diagnosis.departures import VAGUE, Array, Departures, changes, departures
 from fdd.diagnosis.evidence import Evidence, time_profile_of
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import Hypothesis
@@ -16,13 +16,14 @@ from fdd.residuals.bins import FRAME_S
 
 
 def weighed(
-    evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, overdispersion: float = 1.0
+    evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, overdispersion: float | Array = 1.0
 ) -> Departures:
     """The first of some faults beside the others."""
     columns = {"volume": np.array([[h.columns["volume"] for h, _ in faults]])}
     time_profiles = np.array([[time_profile_of("step", FRAMES, onset) for _, onset in faults]])
     parts = Parts(columns, time_profiles, np.full((1, len(faults)), VAGUE), np.zeros(1, np.bool_))
-    return departures(evidence.balances, parts, np.full(1, overdispersion), from_start=faults[0][1] == 0)
+    factor = np.ones(1) * overdispersion
+    return departures(evidence.balances, parts, factor, from_start=faults[0][1] == 0)
 
 
 def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
@@ -36,6 +37,28 @@ def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
     information = g @ inverse @ g
     assert found.information[0] == pytest.approx(information, rel=1e-4)
     assert found.size[0] == pytest.approx(g @ inverse @ (estimate - EFFECTS.mean) / information, rel=1e-4)
+
+
+@pytest.mark.parametrize("onset", [0, 40])
+def test_noise_of_twice_the_variance_is_half_of_the_information(onset: int) -> None:
+    """Beside another fault too, and for several factors at once."""
+    e = drawn(3).balances["volume"]
+    v = e.rest + e.information @ e.solution
+    whole, half = (Evidence({"volume": (x * e.information, x * v)}, {"volume": EFFECTS}) for x in (1.0, 0.5))
+    for faults in ([(LEAK, onset)], [(LEAK, onset), (DRIFT, 20)]):
+        both = weighed(whole, faults, overdispersion=np.array([[1.0], [2.0]]))
+        for k, alone in enumerate([weighed(whole, faults), weighed(half, faults)]):
+            assert np.allclose([x[k] for x in both], alone, rtol=1e-6)
+
+
+def test_where_nothing_is_known_before_an_onset_what_follows_resembles_nothing() -> None:
+    """Rounding of what is before it, which is nothing, did."""
+    e = drawn(6, steady=True).balances["volume"]
+    healthy = replace(EFFECTS, log_variance=np.full(3, 0.2**2), within=np.full(3, 1e-3))
+    v = e.rest + e.information @ e.solution
+    wide = Evidence({"volume": (e.information, v)}, {"volume": healthy}).balances["volume"]
+    for before in (0.0, 1e-16, -1e-16):
+        assert changes(wide, (1.0 - before) * e.total[None])[0, 0, 0] == pytest.approx(2.0 * 0.2**2, rel=1e-3)
 
 
 def test_another_duty_may_be_another_draw() -> None:

@@ -53,7 +53,7 @@ def test_the_report_says_what_was_found() -> None:
     stages, cases = [stage(50), stage(100), stage(120, lag_99=1.4)], {"every axis leaks": stage(40, lag=0.33)}
     text = report_text(cost, stages, 60.0, None, cases, over)
     for told in (
-        "one core: 100 axes; asked for were 100: met",
+        "on one core: 100 axes.",
         "the service adds 1.5 µs",
         "3.0 MB an axis after 660 s",
         "| every axis leaks | 8.0 | 32 % | 0.33 |",
@@ -62,7 +62,7 @@ def test_the_report_says_what_was_found() -> None:
     ):
         assert told in text
     missed = report_text(cost, [stage(50), stage(100, dropped=3)], 60.0)
-    assert "one core: 50 axes; asked for were 100: missed" in missed
+    assert "on one core: 50 axes." in missed
     assert "Not measured in real time: no mosquitto here." in report_text(cost, [], 60.0, "no mosquitto here")
 
 
