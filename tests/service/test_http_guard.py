@@ -115,9 +115,7 @@ def test_a_token_is_kept_in_a_cookie_that_scripts_and_other_sites_never_get(worl
     assert client.get("/api/axes").status_code == 401
 
 
-def test_the_file_of_tokens_holds_hashes_alone_and_errors_name_its_line(
-    tmp_path: Path,
-) -> None:
+def test_the_file_of_tokens_holds_hashes_alone_and_errors_name_its_line(tmp_path: Path) -> None:
     token, line = new_token("ann", "admin")
     assert token not in line and line.split()[2] == hashlib.sha256(token.encode()).hexdigest()
     (tmp_path / "tokens").write_text(f"# people\n{line}  # till May\n")
