@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +12,7 @@ import pytest
 from watched import leaking
 
 from fdd.samples import Samples
+from fdd.service.sources import Source
 from fdd.service.store import Store
 from tests.service.senders import Taker
 
@@ -40,6 +41,17 @@ def stop() -> Iterator[threading.Event]:
 @pytest.fixture
 def taker() -> Taker:
     return Taker()
+
+
+@pytest.fixture
+def start(taker: Taker, stop: threading.Event) -> Callable[[Source], Source]:
+    """Starts a source, which gives the taker what comes."""
+
+    def started(source: Source) -> Source:
+        source.start(taker.put, stop)
+        return source
+
+    return started
 
 
 @pytest.fixture
