@@ -16,11 +16,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fdd.diagnosis.findings import FaultFinding
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.bus import Event
 from fdd.service.order import Order
 from fdd.service.store import OutboxMessage, Store
+
+LEAK = FaultFinding(
+    fault="pump_wear", family="leakage", ambiguity=["pump_wear", "internal_leakage"], confidence=0.9,
+    onset_s=3.0, detected_s=15.0, severity=0.6, severity_interval=(0.5, 0.7), evidence=["leakage rose"],
+)  # fmt: skip
 
 
 def until(done: Callable[[], Any], seconds: float = 120.0) -> Any:
@@ -91,11 +97,7 @@ def measured(axis: str, samples: Samples) -> Event:
 
 
 def finding(onset: float = 3.0, detected: float = 15.0) -> dict[str, Any]:
-    return {
-        "fault": "pump_wear", "family": "leakage", "ambiguity": ["pump_wear", "internal_leakage"],
-        "confidence": 0.9, "onset_s": onset, "detected_s": detected, "severity": 0.6,
-        "evidence": ["leakage rose"],
-    }  # fmt: skip
+    return LEAK.model_copy(update={"onset_s": onset, "detected_s": detected}).model_dump(mode="json")
 
 
 def transition(
