@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,9 +26,8 @@ def log() -> Samples:
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
-    made = Store(f"sqlite:///{tmp_path / 'fdd.db'}")
-    yield made
-    made.close()
+    with closing(Store(f"sqlite:///{tmp_path / 'fdd.db'}")) as made:
+        yield made
 
 
 @pytest.fixture
