@@ -51,6 +51,18 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
+def of(*values: Any) -> st.SearchStrategy[Any]:
+    return st.sampled_from(values)
+
+
+Stands = dict[str, tuple[float | None, float]]
+"""Lowest severity and confidence of what stands."""
+AXES, KEYS = of("A1", "A2"), of(*sorted(KINDS))
+LOWEST = st.none() | of(0.0, 0.24, 0.25, 0.5, 0.75, 1.2)
+GAPS = of(LOOK, LOOK, 70.0, 700.0, 4000.0)
+STANDS = st.dictionaries(KEYS, st.tuples(LOWEST, of(0.3, 0.9)))
+
+
 class Plant(RuleBasedStateMachine):
     """Random looks and actions; a second book is restored from JSON again and again and must do the same."""
 
@@ -66,27 +78,12 @@ class Plant(RuleBasedStateMachine):
         self.audit += transitions
         return transitions
 
-    @rule(
-        axis=st.sampled_from(["A1", "A2"]),
-        stands=st.dictionaries(
-            st.sampled_from(sorted(KINDS)),
-            st.tuples(
-                st.none() | st.sampled_from([0.0, 0.24, 0.25, 0.5, 0.75, 1.2]), st.sampled_from([0.3, 0.9])
-            ),
-        ),
-        looks=st.sampled_from([1, 1, 2, 11, 12, 13, 130]),
-        gap=st.sampled_from([LOOK, LOOK, 70.0, 700.0, 4000.0]),
-    )
-    def look(self, axis: str, stands: dict[str, tuple[float | None, float]], looks: int, gap: float) -> None:
+    @rule(axis=AXES, stands=STANDS, looks=of(1, 1, 2, 11, 12, 13, 130), gap=GAPS)
+    def look(self, axis: str, stands: Stands, looks: int, gap: float) -> None:
         for k in range(looks):
             self.see(axis, stands, gap if k == 0 else LOOK)
 
-    @rule(
-        axis=st.sampled_from(["A1", "A2"]),
-        key=st.sampled_from(sorted(KINDS)),
-        times=st.integers(1, 8),
-        gap=st.sampled_from([60.0, 65.0, 65.0, 595.0, 600.0, 605.0, 3000.0]),
-    )
+    @rule(axis=AXES, key=KEYS, times=st.integers(1, 8), gap=of(60.0, 65.0, 65.0, 595.0, 600.0, 605.0, 3000.0))
     def flutter(self, axis: str, key: str, times: int, gap: float) -> None:
         """It comes for one look and goes, again and again."""
         for _ in range(times):
@@ -94,7 +91,7 @@ class Plant(RuleBasedStateMachine):
             for _ in range(12):
                 self.see(axis, {}, LOOK)
 
-    def see(self, axis: str, stands: dict[str, tuple[float | None, float]], passed: float) -> None:
+    def see(self, axis: str, stands: Stands, passed: float) -> None:
         self.time[axis] += passed
         self.wall += LOOK
         found = [finding(**KINDS[key], low=low, confidence=c) for key, (low, c) in stands.items()]
@@ -103,13 +100,11 @@ class Plant(RuleBasedStateMachine):
         seen = {a.key: a for a in self.book.alarms(axis) if a.standing and a.seen == self.time[axis]}
         assert seen.keys() == stands.keys() and {a.state for a in seen.values()} <= {U, A, S}
 
-    @rule(
-        data=st.data(), action=st.sampled_from(sorted(BY_PEOPLE)), passed=st.sampled_from([0.0, 40.0, 4000.0])
-    )
+    @rule(data=st.data(), action=of(*sorted(BY_PEOPLE)), passed=of(0.0, 40.0, 4000.0))
     def act(self, data: st.DataObject, action: str, passed: float) -> None:
         self.wall += passed
         ids = sorted({a.id for a in self.book.alarms()} | {999})
-        id = data.draw(st.sampled_from(ids))
+        id = data.draw(of(*ids))
         done_by = Action(action, id, "ann", "a note", self.wall + 300.0)  # type: ignore[arg-type]
         state = {a.id: a.state for a in self.book.alarms()}.get(id)
         if not any(a == BY_PEOPLE[action] and before == state for a, before, _ in DIAGRAM):
@@ -123,7 +118,7 @@ class Plant(RuleBasedStateMachine):
         told = BY_PEOPLE[action], "ann", "a note", self.wall, True
         assert (done.action, done.who, done.note, done.wall, done.notify) == told
 
-    @rule(passed=st.sampled_from([1.0, 299.0, 300.0, 9000.0]))
+    @rule(passed=of(1.0, 299.0, 300.0, 9000.0))
     def clock(self, passed: float) -> None:
         self.wall += passed
         due = {a.id for a in self.book.alarms() if a.state == S and (a.shelved_until or 0.0) <= self.wall}
