@@ -7,6 +7,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +50,8 @@ def source_of(broker: Broker, **more: object) -> Source:
 
 @pytest.fixture
 def sender(broker: Broker) -> Iterator[Client]:
-    client = Client(broker, client_id="sender", clean_session=False)
-    yield client
-    client.close()
+    with closing(Client(broker, client_id="sender", clean_session=False)) as client:
+        yield client
 
 
 def connected(source: Source) -> Source:
