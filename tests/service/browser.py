@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from tests.service.senders import until
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
@@ -30,15 +32,11 @@ class Browser:
             pytest.skip("no Chromium on this machine")
         connect = pytest.importorskip("websockets.sync.client", reason="needs websockets").connect
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        self._process = subprocess.Popen(
-            [CHROMIUM, *FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        command = [CHROMIUM, *FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"]
+        self._process = subprocess.Popen(command, **quiet)
         told = Path(self._folder.name) / "DevToolsActivePort"
-        until = time.monotonic() + 60
-        while not (told.exists() and told.read_text().count("\n")):
-            assert time.monotonic() < until, "Chromium does not start"
-            time.sleep(0.05)
+        until(lambda: told.exists() and told.read_text().count("\n"), 60.0)
         port, path = told.read_text().splitlines()[:2]
         self._line = connect(f"ws://127.0.0.1:{port}{path}", max_size=1 << 26, proxy=None)
         self._number, self._session = 0, ""
@@ -86,13 +84,12 @@ class Browser:
 
     def wait(self, script: str, seconds: float = 30.0) -> Any:
         """Until an expression gives something true."""
-        until = time.monotonic() + seconds
+        end = time.monotonic() + seconds
         # While a page loads there may be no document yet.
-        while not (
-            found := self.run(f"(() => {{ try {{ return !!({script}) }} catch {{ return false }} }})()")
-        ):
+        asked = f"(() => {{ try {{ return !!({script}) }} catch {{ return false }} }})()"
+        while not (found := self.run(asked)):
             says = self.run("document.body?.innerText") or ""
-            assert time.monotonic() < until, f"never true: {script}; it says {says[:600]!r}, {self.said}"
+            assert time.monotonic() < end, f"never true: {script}; it says {says[:600]!r}, {self.said}"
             time.sleep(0.1)
         return found
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ import pytest
 from watched import leaking
 
 from fdd.samples import Samples
+from fdd.service.sources import Source
 from fdd.service.store import Store
 from tests.service.senders import Taker
 
@@ -24,9 +26,8 @@ def log() -> Samples:
 
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
-    made = Store(f"sqlite:///{tmp_path / 'fdd.db'}")
-    yield made
-    made.close()
+    with closing(Store(f"sqlite:///{tmp_path / 'fdd.db'}")) as made:
+        yield made
 
 
 @pytest.fixture
@@ -40,6 +41,17 @@ def stop() -> Iterator[threading.Event]:
 @pytest.fixture
 def taker() -> Taker:
     return Taker()
+
+
+@pytest.fixture
+def start(taker: Taker, stop: threading.Event) -> Callable[[Source], Source]:
+    """Starts a source, which gives the taker what comes."""
+
+    def started(source: Source) -> Source:
+        source.start(taker.put, stop)
+        return source
+
+    return started
 
 
 @pytest.fixture

@@ -87,13 +87,11 @@ class World:
 
 
 def _detail(name: str) -> AxisDetail:
-    time_ = np.arange(0.0, 600.0, 5.0)
-    series = {k: (v * (1.0 + 0.01 * np.sin(time_))).tolist() for k, v in BASE.items()}
-    position = 0.04 * np.sin(0.35 * time_)
-    estimates = {
-        k: {"unit": "", "baseline": v, "value": v, "std": 0.01 * v, "observable": True}
-        for k, v in BASE.items()
-    }
+    seconds = np.arange(0.0, 600.0, 5.0)
+    series = {k: (v * (1.0 + 0.01 * np.sin(seconds))).tolist() for k, v in BASE.items()}
+    stamps, position = seconds.tolist(), {"position": (0.04 * np.sin(0.35 * seconds)).tolist()}
+    known = {"unit": "", "observable": True}
+    estimates = {k: {**known, "baseline": v, "value": v, "std": 0.01 * v} for k, v in BASE.items()}
     status = AxisStatus.model_validate(
         {"name": name, "unit": "axis_a", "state": "healthy", "headline": "No fault found", "samples": 600_000,
          "rate_hz": 1000.0, "last_wall": time.time(), "probabilities": {"healthy": 0.98},
@@ -101,12 +99,10 @@ def _detail(name: str) -> AxisDetail:
     )  # fmt: skip
     return AxisDetail(
         status=status,
-        estimates=Series(time=time_.tolist(), values=series, std=series),
-        misfits=Series(time=time_.tolist(), values={"volume": np.abs(position).tolist()}),
-        probabilities=Series(time=time_.tolist(), values={"healthy": [0.98] * time_.size}),
-        signals=Bands(
-            time=time_.tolist(), low={"position": position.tolist()}, high={"position": position.tolist()}
-        ),
+        estimates=Series(time=stamps, values=series, std=series),
+        misfits=Series(time=stamps, values={"volume": np.abs(position["position"]).tolist()}),
+        probabilities=Series(time=stamps, values={"healthy": [0.98] * len(stamps)}),
+        signals=Bands(time=stamps, low=position, high=position),
     )
 
 
@@ -119,12 +115,10 @@ def made_up() -> World:
     for name, state in (("F9/aileron-L", "learning"), ("rig-2/axis-B", "silent"), ("rig-2/axis-C", "failed")):
         world.details[name].status.state = state  # type: ignore[assignment]
     world.details["F7/aileron-R"].findings.append(LEAK)
-    world.raise_alarm(
-        "F3/spoiler-2", "low", fault="pressure_sensor_bias", family="sensor", channel="pressure_1"
-    )
-    world.raise_alarm(
-        "F3/elevator-L", "medium", fault="seal_wear", family="seal_wear", count=4, chattering=True
-    )
+    sensor = {"fault": "pressure_sensor_bias", "family": "sensor", "channel": "pressure_1"}
+    world.raise_alarm("F3/spoiler-2", "low", **sensor)
+    seal = {"fault": "seal_wear", "family": "seal_wear", "count": 4, "chattering": True}
+    world.raise_alarm("F3/elevator-L", "medium", **seal)
     world.raise_alarm("F7/rudder", "high", fault="aeration", family="aeration")
     world.raise_alarm("F7/aileron-R", "urgent")
     world.act(Action("shelve", 1, "a.sato", "Sensor is exchanged at the next stop", time.time() + 7200))

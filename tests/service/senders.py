@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import resource
+import shutil
+import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
+from fdd.diagnosis.findings import FaultFinding
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.bus import Event
+from fdd.service.order import Order
 from fdd.service.store import OutboxMessage, Store
+
+LEAK = FaultFinding(
+    fault="pump_wear", family="leakage", ambiguity=["pump_wear", "internal_leakage"], confidence=0.9,
+    onset_s=3.0, detected_s=15.0, severity=0.6, severity_interval=(0.5, 0.7), evidence=["leakage rose"],
+)  # fmt: skip
 
 
 def until(done: Callable[[], Any], seconds: float = 120.0) -> Any:
@@ -30,9 +41,14 @@ def until(done: Callable[[], Any], seconds: float = 120.0) -> Any:
 def a_block(number: int, axis: str = "A1", *, rows: int = 10, seed: int = 0) -> Block:
     """Rows at 100 Hz that go on from block to block."""
     value = np.random.default_rng([seed, number]).standard_normal(rows)
-    return Block(
-        axis, Samples(0.01 * (number * rows + np.arange(rows)), {"position": value}), number, "", 0.0
-    )
+    time = 0.01 * (number * rows + np.arange(rows))
+    return Block(axis, Samples(time, {"position": value}), number, "", 0.0)
+
+
+def ordered(blocks: Iterable[Block]) -> tuple[Samples, Order]:
+    """What an order passes on of blocks that come in this order, and what it counted."""
+    order = Order()
+    return Samples.concatenate([*(order.take([b]) for b in blocks), order.flush()]), order
 
 
 class Taker:
@@ -81,11 +97,7 @@ def measured(axis: str, samples: Samples) -> Event:
 
 
 def finding(onset: float = 3.0, detected: float = 15.0) -> dict[str, Any]:
-    return {
-        "fault": "pump_wear", "family": "leakage", "ambiguity": ["pump_wear", "internal_leakage"],
-        "confidence": 0.9, "onset_s": onset, "detected_s": detected, "severity": 0.6,
-        "evidence": ["leakage rose"],
-    }  # fmt: skip
+    return LEAK.model_copy(update={"onset_s": onset, "detected_s": detected}).model_dump(mode="json")
 
 
 def transition(
@@ -96,6 +108,17 @@ def transition(
         "body": finding(**of_finding),
     }  # fmt: skip
     return {"action": action, "alarm": alarm, "before": "NORMAL", "wall": 1.7e9, "who": "fdd", "note": ""}
+
+
+def certificate(folder: Path, name: str) -> tuple[Path, Path]:
+    """Of this machine, signed by itself, and its key; without openssl the test is skipped."""
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl here, which makes a certificate")
+    made = "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2"
+    cert, key = folder / f"{name}.pem", folder / f"{name}.key"
+    given = ["-subj", f"/CN={name}", "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", key, "-out", cert]
+    subprocess.run(["openssl", *made.split(), *given], check=True, capture_output=True)
+    return cert, key
 
 
 @contextmanager

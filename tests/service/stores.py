@@ -1,4 +1,4 @@
-"""What tests of the store share: a finding, a time, and a PostgreSQL server that a test may kill."""
+"""What tests of the store share: a time, and a PostgreSQL server that a test may kill."""
 
 from __future__ import annotations
 
@@ -13,16 +13,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import create_engine, text
 
-from fdd.diagnosis.findings import FaultFinding
 from reports.service import free_port
 
 WALL = 1_700_000_000.0
-LEAK = FaultFinding(
-    fault="pump_wear", family="leakage", ambiguity=["pump_wear"], confidence=0.9, onset_s=3.0,
-    detected_s=15.0, severity=0.6, severity_interval=(0.5, 0.7),
-)  # fmt: skip
-
-
 PATH = os.pathsep.join([os.environ.get("PATH", ""), *map(str, Path("/usr/lib/postgresql").glob("*/bin"))])
 """Debian has the server's programs beside the path."""
 USER = "postgres" if os.geteuid() == 0 else None

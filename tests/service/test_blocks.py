@@ -1,41 +1,41 @@
-"""The message fdd.block/1: what goes in comes out, and anything else is refused in one line."""
+"""A block comes back as it was or is refused in a line; inbox and bus lose nothing without counting it."""
 
 from __future__ import annotations
 
 import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
-import orjson
 import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fdd.bounds import MOST_BLOCK_ROWS
+from fdd.bounds import MOST_AXES, MOST_BLOCK_ROWS
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.samples import Samples
 from fdd.service.blocks import Block, Decoder, encode_arrow, encode_json
+from fdd.service.bus import Bus, Event
+from fdd.service.inbox import Inbox
 
-GOOD = {
-    "schema": "fdd.block/1",
-    "axis": "A1",
-    "sequence": 1,
-    "time": [0.0, 0.1],
-    "columns": {"position": [1, None]},
-}
+HEAD = {"schema": "fdd.block/1", "axis": "A1"}
+GOOD = {**HEAD, "sequence": 1, "time": [0.0, 0.1], "columns": {"position": [1, None]}}
 
 
 def message(**changed: object) -> bytes:
     return json.dumps({**GOOD, **changed}).encode()
 
 
-def arrow(
-    columns: dict[str, object], head: dict[str, str] | None = None, batches: int = 1, **options: object
-) -> bytes:
-    metadata = {"schema": "fdd.block/1", "axis": "A1"} if head is None else head
-    batch = pa.record_batch(columns).replace_schema_metadata(metadata)
+def decode(payload: bytes) -> Block:
+    return Decoder().decode(payload)
+
+
+def arrow(columns: dict[str, object], head: object = HEAD, batches: int = 1, **options: object) -> bytes:
+    batch = pa.record_batch(columns).replace_schema_metadata(head)
     out = pa.BufferOutputStream()
     with pa.ipc.new_stream(out, batch.schema, options=pa.ipc.IpcWriteOptions(**options)) as writer:
         for _ in range(batches):
@@ -61,18 +61,12 @@ def test_a_block_comes_back_as_it_was(values: np.ndarray, number: int | None, un
             assert np.array_equal(found.samples[name], column, equal_nan=True)
 
 
-def decode(payload: bytes) -> Block:
-    return Decoder().decode(payload)
-
-
 SEEDS = [message(), encode_arrow(decode(message()))]
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
     max_leaves=8,
 )
-
-
 block_columns = st.dictionaries(st.sampled_from(["position", "x"]), json_values, max_size=2)
 block_times = st.fixed_dictionaries(dict.fromkeys(("start", "period", "n"), json_values)) | json_values
 any_messages = st.fixed_dictionaries(
@@ -104,7 +98,7 @@ def test_damaged_messages_are_a_block_or_refused(data: st.DataObject) -> None:
 @settings(max_examples=300)
 @given(changed=any_messages)
 def test_any_json_is_a_block_or_refused(changed: dict[str, object]) -> None:
-    block_or_refusal(json.dumps({**GOOD, **changed}).encode(errors="replace"))
+    block_or_refusal(message(**changed))
 
 
 def test_missing_and_infinite_values_are_missing_and_the_topic_says_which_axis() -> None:
@@ -112,22 +106,24 @@ def test_missing_and_infinite_values_are_missing_and_the_topic_says_which_axis()
     assert np.array_equal(decode(text).samples["position"], [np.nan, np.nan, np.nan, 2], equal_nan=True)
     nulls = arrow({"time": [0.0, 1.0], "position": pa.array([None, 0.5], pa.float32())})
     assert np.array_equal(decode(nulls).samples["position"], [np.nan, 0.5], equal_nan=True)
-    without = json.dumps({k: v for k, v in GOOD.items() if k != "axis"}).encode()
+    without = message().replace(b'"axis": "A1", ', b"")
     assert Decoder().decode(without, axis="B2").axis == "B2"
     with pytest.raises(InputError, match="says axis 'A1', its topic 'B2'"):
         Decoder().decode(message(), axis="B2")
 
 
 def test_a_map_names_columns_and_units() -> None:
-    rig = Decoder(
-        ChannelMap.from_yaml("time: {column: ms, unit: ms}\nposition: {column: x, unit: mm, sign: -1}")
-    )
-    columns = {"x": [5, 6], "ms": [1000, 1500], "odd": ["a", {}]}
-    found = rig.decode(orjson.dumps({"schema": "fdd.block/1", "axis": "A1", "columns": columns}))
+    text = "time: {column: ms, unit: ms}\nposition: {column: x, unit: mm, sign: -1}"
+    rig, columns = Decoder(ChannelMap.from_yaml(text)), {"x": [5, 6], "ms": [1000, 1500], "odd": ["a", {}]}
+    found = rig.decode(json.dumps({**HEAD, "columns": columns}).encode())
     assert found.samples.time.tolist() == [1.0, 1.5]
     assert found.samples["position"].tolist() == [-0.005, -0.006] and found.ignored == ("odd",)
     same = rig.decode(arrow({"x": [5.0, 6.0], "ms": [1000.0, 1500.0], "odd": [0.0, 0.0]}))
     assert np.array_equal(same.samples["position"], found.samples["position"]) and same.ignored == ("odd",)
+
+
+NO_AXES = ("", "../etc", "a/./b", "<script>", "x" * 65, "Ä", "A\n")
+NO_NUMBERS = (["1", "2"], [None, "2"], [True, False], [[1], [2]])
 
 
 @pytest.mark.parametrize(
@@ -135,17 +131,8 @@ def test_a_map_names_columns_and_units() -> None:
     [
         ({"schema": "fdd.block/2"}, "its schema is not fdd.block/1"),
         ({"sequnce": 3}, "unknown key 'sequnce'"),
-        ({"axis": ""}, "no name of an axis"),
-        ({"axis": "../etc"}, "no name of an axis"),
-        ({"axis": "a/./b"}, "no name of an axis"),
-        ({"axis": "<script>"}, "no name of an axis"),
-        ({"axis": "x" * 65}, "no name of an axis"),
-        ({"axis": "Ä"}, "no name of an axis"),
-        ({"axis": "A\n"}, "no name of an axis"),
-        ({"sequence": -1}, "sequence"),
-        ({"sequence": 1.5}, "sequence"),
-        ({"sequence": True}, "sequence"),
-        ({"sequence": 2**53}, "sequence"),
+        *(({"axis": name}, "no name of an axis") for name in NO_AXES),
+        *(({"sequence": number}, "sequence") for number in (-1, 1.5, True, 2**53)),
         ({"unit": 3}, "unit is no name"),
         ({"time": None}, "no time"),
         ({"time": [0.1, 0.0]}, "axis A1: channel time, row 1"),
@@ -158,10 +145,7 @@ def test_a_map_names_columns_and_units() -> None:
         ({"columns": {}}, "no channel in the block"),
         ({"columns": {"positon": [1, 2]}}, "no channel in the block"),
         ({"columns": [1]}, "columns is no object"),
-        ({"columns": {"position": ["1", "2"]}}, "'position' is no list"),
-        ({"columns": {"position": [None, "2"]}}, "'position' is no list"),
-        ({"columns": {"position": [True, False]}}, "'position' is no list"),
-        ({"columns": {"position": [[1], [2]]}}, "'position' is no list"),
+        *(({"columns": {"position": values}}, "'position' is no list") for values in NO_NUMBERS),
         ({"time": [], "columns": {"position": []}}, "a block of 0 rows"),
         ({"columns": {f"c{k}": [1, 2] for k in range(300)}}, "at most 256 lists"),
     ],
@@ -186,3 +170,135 @@ def test_what_is_wrong_is_told(changed: dict[str, object], told: str) -> None:
 def test_what_is_wrong_with_arrow_is_told(payload: bytes, told: str) -> None:
     with pytest.raises(InputError, match=told):
         decode(payload)
+
+
+def block(axis: str, number: int, seconds: float = 1.0, **more: object) -> Block:
+    time = number * seconds + np.linspace(0.0, seconds, 10, endpoint=False)
+    return Block(axis, Samples(time, {"position": time}), number, "test", 0.0, **more)  # type: ignore[arg-type]
+
+
+def test_blocks_come_out_oldest_first_and_in_turn() -> None:
+    inbox = Inbox()
+    for one in (*(block("busy", number) for number in range(5)), block("calm", 0)):
+        inbox.put(one)
+    taken = inbox.take(0.0)
+    assert [b.axis for b in taken[:3]] == ["busy", "calm", "busy"]
+    assert [b.sequence for b in taken if b.axis == "busy"] == list(range(5))
+    assert inbox.take(0.0) == []
+
+
+def test_the_axis_that_lags_loses_its_oldest_and_no_other() -> None:
+    inbox, told = Inbox(most_seconds=3.0), []
+    for number in range(8):
+        inbox.put(block("slow", number, accepted=lambda n=number: told.append(n)))
+    assert inbox.problems() == ["overloaded: the oldest samples are dropped of slow"]
+    inbox.put(block("fine", 0))
+    counters = {axis: inbox.counters(axis) for axis in ("slow", "fine")}
+    assert counters["slow"]["dropped_samples"] == 50
+    assert counters["slow"]["lag_s"] == pytest.approx(3.0) and counters["fine"]["dropped_samples"] == 0
+    assert [b.sequence for b in inbox.take(0.0) if b.axis == "slow"] == [5, 6, 7]
+    assert told == [], "what is not stored is not acknowledged"
+    assert inbox.counters("slow")["lag_s"] == 0.0
+    short, long = [block("short", n, seconds=0.1) for n in range(2)], [block("long", n) for n in range(6)]
+    inbox = Inbox(most_bytes=6 * (block("x", 0).nbytes + 1000))
+    for one in (*short, *long):
+        inbox.put(one)
+    dropped = {axis: inbox.counters(axis)["dropped_samples"] for axis in ("short", "long")}
+    assert dropped == {"short": 0, "long": 2 * len(long[0].samples)}
+
+
+def test_a_patient_sender_waits_for_room_and_loses_nothing() -> None:
+    size = block("A1", 0).nbytes + 1000
+    inbox, told = Inbox(most_seconds=3.0, most_bytes=5 * size), []
+
+    def send() -> None:
+        for number in range(20):
+            inbox.put(block("A1", number, patient=True, accepted=lambda n=number: told.append(n)))
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    taken = inbox.take(5.0)
+    while len(taken) < 20:
+        taken += inbox.take(5.0)
+    sender.join(5.0)
+    assert [b.sequence for b in taken] == list(range(20)) and told == []
+
+
+def test_a_closed_inbox_holds_no_sender_and_takes_nothing_from_it() -> None:
+    one = block("A1", 0, patient=True)
+    inbox, told = Inbox(most_seconds=0.5, most_bytes=one.nbytes + 1000), []
+    inbox.put(one)
+    assert inbox.problems() == ["overloaded: senders wait, more than 0.5 s behind are A1"]
+    late = block("A1", 1, patient=True, accepted=lambda: told.append(1))
+    sender = threading.Thread(target=inbox.put, args=(late,))
+    sender.start()
+    inbox.close()
+    sender.join(5.0)
+    assert not sender.is_alive() and len(inbox.take(0.0)) == 1 and told == []
+
+
+def test_more_axes_than_a_service_watches_are_refused() -> None:
+    inbox, one = Inbox(), block("A", 0)
+    for number in range(MOST_AXES):
+        inbox.put(replace(one, axis=f"A{number}"))
+    with pytest.raises(InputError, match="more than 1000 axes"):
+        inbox.put(replace(one, axis="one-more"))
+    inbox.put(replace(one, axis="A7"))
+    patient = threading.Thread(target=inbox.put, args=(replace(one, axis="one-more", patient=True),))
+    patient.start()
+    assert "one-more" not in {b.axis for b in inbox.take(0.0)}, "not refused either: it waits for a place"
+    patient.join(5.0)
+    assert not patient.is_alive()
+
+
+def test_many_threads_put_and_all_is_taken_or_counted() -> None:
+    inbox, names, each = Inbox(most_seconds=5.0), [f"A{k}" for k in range(6)], 200
+
+    def send(name: str) -> None:
+        for number in range(each):
+            inbox.put(block(name, number, seconds=0.1))
+
+    taken: list[Block] = []
+    with ThreadPoolExecutor(len(names)) as pool:
+        sending = [pool.submit(send, name) for name in names]
+        while not all(s.done() for s in sending):
+            taken += inbox.take(0.2)
+    while more := inbox.take(0.0):
+        taken += more
+    for name in names:
+        own = [b for b in taken if b.axis == name]
+        assert [b.sequence for b in own] == sorted(b.sequence for b in own)  # type: ignore[type-var]
+        dropped = inbox.counters(name)["dropped_samples"]
+        assert sum(len(b.samples) for b in own) + dropped == 10 * each
+
+
+def event(number: int, kind: str = "status") -> Event:
+    return Event(kind, "A1", float(number), {})  # type: ignore[arg-type]
+
+
+def test_each_subscriber_hears_its_kinds_in_order_and_a_slow_one_loses_the_oldest() -> None:
+    bus = Bus()
+    bus.publish(event(0))
+    every, alarms, slow = bus.subscribe(), bus.subscribe(["alarm"]), bus.subscribe(most=10)
+    for number in range(1, 101):
+        bus.publish(event(number, "alarm" if number == 2 else "status"))
+    assert [every.get().time for _ in range(100)] == [float(k) for k in range(1, 101)]  # type: ignore[union-attr]
+    assert alarms.get() == event(2, "alarm")
+    assert every.get() is alarms.get() is None
+    assert (slow.lost, every.lost) == (90, 0) and slow.get() == event(91)
+
+
+def test_many_threads_publish_and_every_event_arrives_once() -> None:
+    bus = Bus()
+    subscription = bus.subscribe(most=10_000)
+
+    def publish(k: int) -> None:
+        bus.subscribe(most=1)
+        for n in range(500):
+            bus.publish(event(1000 * k + n))
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(publish, range(8)))
+    heard = [e.time for e in iter(subscription.get, None)]
+    assert sorted(heard) == [1000.0 * k + n for k in range(8) for n in range(500)]
+    assert subscription.lost == 0

@@ -26,8 +26,7 @@ def test_the_example_is_read_with_paths_from_its_folder() -> None:
     found = Serve.load(EXAMPLE)
     here = EXAMPLE.parent
     mqtt, folder, replay = found.sources[0], found.sources[3], found.sources[4]
-    assert isinstance(mqtt, MqttSource) and isinstance(folder, FolderSource)
-    assert isinstance(replay, ReplaySource)
+    assert [type(each) for each in (mqtt, folder, replay)] == [MqttSource, FolderSource, ReplaySource]
     assert mqtt.password_file == here / "mqtt.password" and mqtt.chosen_port == 8883
     assert mqtt.tls is not None and mqtt.tls.ca == here / "ca.pem"
     assert folder.folder == here / "drop" and replay.logs == {"demo": here / "run.mcap"}
@@ -37,19 +36,16 @@ def test_the_example_is_read_with_paths_from_its_folder() -> None:
 
 
 def test_absolute_paths_stay_and_without_tokens_only_this_machine_is_listened_on(tmp_path: Path) -> None:
-    found = Serve.from_yaml(
-        f"schema: fdd.serve/1\nstore: postgresql://db/fdd\nstate: /var/lib/fdd\n{UDP}", folder=Path("etc")
-    )
+    text = f"schema: fdd.serve/1\nstore: postgresql://db/fdd\nstate: /var/lib/fdd\n{UDP}"
+    found = Serve.from_yaml(text, folder=Path("etc"))
     assert found.store_url == "postgresql://db/fdd" and found.state == Path("/var/lib/fdd")
     for host in ("127.0.0.1", "::1", "localhost", "127.8.8.8"):
         assert of(f"{UDP}\nlisten: {{host: '{host}'}}").listen.is_local
     assert not of(f"{UDP}\nlisten: {{host: 0.0.0.0}}\ntokens: tokens").listen.is_local
     (tmp_path / "a.yaml").write_text("schema: fdd.map/1")
-    for name, told in (
-        ("a", "not a configuration of fdd serve; its first line"),
-        ("b", "no such configuration"),
-    ):
-        with pytest.raises(InputError, match=rf"{name}.yaml: {told}"):
+    told = {"a": "not a configuration of fdd serve; its first line", "b": "no such configuration"}
+    for name, words in told.items():
+        with pytest.raises(InputError, match=rf"{name}.yaml: {words}"):
             Serve.load(tmp_path / f"{name}.yaml")
 
 

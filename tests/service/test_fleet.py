@@ -19,15 +19,12 @@ from typing import Any
 import numpy as np
 import pytest
 from stores import postgres_url
-from watched import RECEIVED, ROWS, blocks_of, disordered, fleet_of, leaking, made, send, working
+from watched import RECEIVED, ROWS, blocks_of, disordered, fleet_of, leaking, made, passing, send, settle
 
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
-from fdd.errors import InputError
 from fdd.samples import Samples
-from fdd.service.alarms import Action
 from fdd.service.backlog import Backlog
-from fdd.service.bus import Bus
 from fdd.service.fleet import Fleet
 from fdd.service.store import Store, StoreTrouble
 from fdd.unit import Unit
@@ -50,22 +47,20 @@ def told(store: Store) -> dict[str, list[Any]]:
 @pytest.mark.parametrize("lags", [False, True])
 def test_live_is_what_the_pipeline_says_of_the_whole(lags: bool, store: Store, log: Samples) -> None:
     """Blocks that come twice, out of their order, or many at a time, change nothing."""
-    blocks = blocks_of(log)
-    rng = random.Random(1)
+    blocks, rng = blocks_of(log), random.Random(1)
     for k in range(0, len(blocks) - 3, 7):
         blocks[k], blocks[k + 2] = blocks[k + 2], blocks[k]
     blocks = [b for block in blocks for b in [block] * (1 + (rng.random() < 0.1))]
-    fleet, inbox, _ = fleet_of(store)
+    fleet = fleet_of(store)
     if lags:
         for block in blocks:
-            inbox.put(block)
+            fleet.inbox.put(block)
         while fleet.step(0.0):
             pass
     else:
-        send(fleet, inbox, blocks)
+        send(fleet, blocks)
     fleet.keep()
-    whole = Pipeline(Unit.load("axis_a"), Model.load(), keep_trajectories=False)
-    fresh = whole.push(log)
+    fresh = Pipeline(Unit.load("axis_a"), Model.load(), keep_trajectories=False).push(log)
     assert [f.fault for f in fresh] == ["internal_leakage"], "else this shows nothing"
     found = [(f["fault"], f["onset"], f["severity"], f["time"]) for f in store.findings()]
     assert found == [(f.fault, f.onset_s, f.severity, f.detected_s) for f in fresh]
@@ -87,10 +82,10 @@ def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice_over_rest
     monkeypatch.setattr(Backlog, "is_due", lambda self, now: True)
     monkeypatch.setattr(Backlog, "turn", lambda self, *given: due.pop() if due else [])
     blocks = list(zip(blocks_of(log, "A1"), blocks_of(log, "A2"), strict=True))
-    fleet, inbox, _ = fleet_of(store)
+    fleet = fleet_of(store)
     for n, pair in enumerate(blocks):
         due += [["A2"]] if n in (250, 450) else []
-        send(fleet, inbox, list(pair))
+        send(fleet, list(pair))
         if n == 320:
             behind = fleet.axis("A2").status
             assert fleet.axis("A1").status.samples > behind.samples > 24_000
@@ -99,7 +94,7 @@ def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice_over_rest
             assert "overloaded: 1 of 2 axes are followed" in fleet.problems()[0]
         if n == 400:
             assert store.checkpoint("A1") is not None and store.journal("A2"), "some is in the journal alone"
-            fleet, inbox, _ = fleet_of(store)
+            fleet = fleet_of(store)
         if n in (400, 550):
             while fleet.catch_up():
                 pass
@@ -108,7 +103,7 @@ def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice_over_rest
     said = told(store)
     assert len(said["A1"]) == 3 and said["A1"] == said["A2"]
     assert [s.samples for s in fleet.axes()] == [len(log)] * 2
-    again, _, _ = fleet_of(store)
+    again = fleet_of(store)
     assert {s.state for s in again.axes()} == {"unacknowledged"} and told(store) == said
 
 
@@ -122,17 +117,11 @@ def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(
     log = leaking(24.0, 8.0)
     np.savez(tmp_path / "log.npz", time=log.time, **log.columns)
     program = [sys.executable, str(Path(__file__).with_name("watched.py"))]
+    env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
 
-    def run(url: str, seed: int) -> subprocess.Popen[str]:
-        source = {"PYTHONPATH": str(Path(__file__).parents[2])}
-        given = [*program, url, str(tmp_path / "log.npz"), str(seed)]
-        return subprocess.Popen(given, stdout=subprocess.PIPE, text=True, env=os.environ | source)
-
-    undisturbed, inbox, _ = fleet_of(store)
-    send(undisturbed, inbox, disordered(log))
-    while undisturbed.catch_up():  # a machine that is busy puts an axis off
-        pass
-    undisturbed.keep()
+    undisturbed = fleet_of(store)
+    send(undisturbed, disordered(log))
+    settle(undisturbed)
     whole = told(store)
     assert len(whole["A1"]) == 3 and whole["A1"] == whole["A2"]
     rng, kills, lives = random.Random(7), 0, 0
@@ -142,7 +131,8 @@ def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(
         accepted: dict[str, set[int]] = {"A1": set(), "A2": set()}
         lines, patience = [""], 2.0
         while lines[-1] != "done":
-            process = run(url, kills)
+            given = [*program, url, str(tmp_path / "log.npz"), str(kills)]
+            process = subprocess.Popen(given, stdout=subprocess.PIPE, text=True, env=env)
             starts = rng.random() < 0.2
             assert process.stdout is not None and (starts or process.stdout.readline() == "ready\n")
             timer = threading.Timer(rng.uniform(0.0, patience), process.send_signal, [signal.SIGKILL])
@@ -156,31 +146,13 @@ def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(
             for axis, number in (x.split() for x in lines if x.startswith("A") and x[-1].isdigit()):
                 accepted[axis].add(int(number))
             kept = Store(url)
-            fleet, _, _ = fleet_of(kept)
-            while fleet.catch_up():
-                pass
-            fleet.keep()
+            settle(fleet := fleet_of(kept))
             samples = {status.name: status.samples for status in fleet.axes()}
             for axis, blocks in accepted.items():
                 first = next(k for k in count() if k not in blocks)  # those after it wait for this one
                 assert samples.get(axis, 0) >= min(ROWS * first, len(log)), "what was accepted is there"
             kept.close()
         assert told(Store(url)) == whole
-
-
-def test_what_people_do_is_stored_before_they_are_answered(store: Store, log: Samples) -> None:
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(log))
-    with working(fleet):
-        done = fleet.act(Action("acknowledge", 1, "ann", "on my way"))
-        assert done.alarm.state == "ACKED"
-        (alarm,) = store.alarms()
-        assert (alarm["state"], alarm["acked_by"], alarm["note"]) == ("ACKED", "ann", "on my way")
-        assert fleet.axes()[0].state == "in alarm"
-        with pytest.raises(InputError, match="cannot be acknowledged"):
-            fleet.act(Action("acknowledge", 1, "ann"))
-        with pytest.raises(InputError, match="alarm 99 is over"):
-            fleet.act(Action("acknowledge", 99, "ann"))
 
 
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
@@ -204,11 +176,11 @@ def test_a_store_that_fails_or_whose_answer_is_lost_is_tried_again_and_has_nothi
 
     def worked(url: str) -> tuple[Any, ...]:
         store = Store(url)
-        fleet, inbox, _ = fleet_of(store, targets={(kind, True): ["there"] for kind in ("alarm", "finding")})
+        fleet = fleet_of(store, targets={(kind, True): ["there"] for kind in ("alarm", "finding")})
         answered.clear()
         for k, block in enumerate(blocks_of(log)[:370]):
             sending[0] = k
-            send(fleet, inbox, [replace(block, accepted=lambda k=k: answered.append(k))])
+            send(fleet, [replace(block, accepted=lambda k=k: answered.append(k))])
         sending[0] = 370
         assert answered == list(range(370)) and fleet.writer.trouble is None
         fleet.keep()
@@ -229,8 +201,8 @@ def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(
 ) -> None:
     """The store fails as the alarm comes, the service is stopped, and just then the store works again."""
     blocks, stop, plain = blocks_of(log), threading.Event(), Store.transaction
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks[:300])
+    fleet = fleet_of(store)
+    send(fleet, blocks[:300])
     assert not store.findings()
 
     def failing(self: Store) -> Any:
@@ -242,47 +214,40 @@ def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(
     monkeypatch.setattr(Store, "transaction", failing)
     monkeypatch.setattr(Fleet, "resume", lambda self: None)
     for block in blocks[300:]:
-        inbox.put(block)
+        fleet.inbox.put(block)
     for module in ("inbox", "fleet"):
         monkeypatch.setattr(f"fdd.service.{module}.MOST_TAKEN", len(blocks))
     fleet.run(stop)
     monkeypatch.undo()
-    again, inbox, _ = fleet_of(store)
+    again = fleet_of(store)
     assert again.axes()[0].samples <= 30_000, "none of it was accepted"
-    send(again, inbox, blocks[300:])
+    send(again, blocks[300:])
     again.keep()
     assert len(store.findings()) == 1 and again.axes()[0].samples == len(log)
 
 
-def test_an_axis_that_falls_silent_gives_what_it_has(
-    store: Store, log: Samples, ticking: list[float]
-) -> None:
+def test_an_axis_that_goes_silent_gives_what_it_has(store: Store, log: Samples, ticking: list[float]) -> None:
     wall = [RECEIVED]
-    fleet, inbox, _ = fleet_of(store, clock=lambda: wall[0])
-    send(fleet, inbox, [replace(b, sequence=None, received=RECEIVED) for b in blocks_of(log)[:30]])
+    fleet = fleet_of(store, clock=lambda: wall[0])
+    send(fleet, [replace(b, sequence=None, received=RECEIVED) for b in blocks_of(log)[:30]])
     assert fleet.axes()[0].state != "silent"
-    for wait in (9.0, *[0.2] * 13):  # the first is no silence but a machine that was busy
-        ticking[0] += wait
-        fleet.step(0.0)
+    passing(fleet, ticking, 9.0, *[0.2] * 13)  # the first is no silence but a machine that was busy
     assert fleet.axes()[0].samples < 3000
-    for _ in range(2):
-        ticking[0] += 0.2
-        fleet.step(0.0)
+    passing(fleet, ticking, 0.2, 0.2)
     wall[0] -= 3600.0  # a clock that is set back hides no silence
     fleet.step(0.0)
     (status,) = fleet.axes()
     assert status.samples == 3000 and status.state == "silent"
-    again, _, _ = fleet_of(store)
-    assert again.axes()[0].samples == 3000
+    assert fleet_of(store).axes()[0].samples == 3000
 
 
 def test_a_sender_that_the_service_keeps_waiting_is_not_silent(
     store: Store, log: Samples, ticking: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A batch of other axes takes long; the block that a hole waits for comes only then."""
-    fleet, inbox, _ = fleet_of(store)
+    fleet = fleet_of(store)
     blocks = blocks_of(log)[:20]
-    send(fleet, inbox, [b for b in blocks[:12] if b.sequence != 8])
+    send(fleet, [b for b in blocks[:12] if b.sequence != 8])
     plain = Store.transaction
 
     def slow(self: Store) -> Any:
@@ -290,9 +255,9 @@ def test_a_sender_that_the_service_keeps_waiting_is_not_silent(
         return plain(self)
 
     monkeypatch.setattr(Store, "transaction", slow)
-    send(fleet, inbox, blocks_of(log, "B2")[:3])
+    send(fleet, blocks_of(log, "B2")[:3])
     monkeypatch.undo()
-    send(fleet, inbox, [blocks[8], *blocks[12:]])
+    send(fleet, [blocks[8], *blocks[12:]])
     fleet.keep()
     (status,) = (s for s in fleet.axes() if s.name == "A1")
     assert status.samples == 2000 and status.quality["late"] == 0
@@ -301,24 +266,24 @@ def test_a_sender_that_the_service_keeps_waiting_is_not_silent(
 @pytest.mark.parametrize("stops", [True, False])
 def test_what_waits_for_a_block_waits_over_a_restart(stops: bool, store: Store, log: Samples) -> None:
     blocks = blocks_of(log)[:20]
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, [b for b in blocks[:12] if b.sequence != 10])
+    fleet = fleet_of(store)
+    send(fleet, [b for b in blocks[:12] if b.sequence != 10])
     if stops:
         fleet.keep()
-    again, inbox, _ = fleet_of(store)
+    again = fleet_of(store)
     again.step(0.0)
-    send(again, inbox, [blocks[10], *blocks[12:]])
+    send(again, [blocks[10], *blocks[12:]])
     again.keep()
     (status,) = again.axes()
     assert status.samples == 2000 and status.quality["late"] == 0
 
 
 def test_it_answers_while_it_resumes(store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
-    fleet, inbox, _ = fleet_of(store)
+    fleet = fleet_of(store)
     # The first one alone: most is in the journal.
     monkeypatch.setattr("fdd.service.storing.CHECKPOINT_S", 1e9)
-    send(fleet, inbox, blocks_of(log.rows(0, 40_000)))
-    again = made(store, Bus())
+    send(fleet, blocks_of(log.rows(0, 40_000)))
+    again = made(store)
     resuming, told = threading.Thread(target=again.resume), set()
     resuming.start()
     while resuming.is_alive():
@@ -342,7 +307,7 @@ def test_a_store_that_is_away_at_the_start_is_waited_for(
         return plain(self)
 
     monkeypatch.setattr(Store, "book", failing)
-    fleet = made(store, Bus(), fallback=None)
+    fleet = made(store, fallback=None)
     running = threading.Thread(target=fleet.run, args=(stop,))
     running.start()
     until(lambda: fleet.resumed >= 1.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from watched import blocks_of, fleet_of, send, working
+from watched import blocks_of, fleet_of, passing, send, working
 
 import fdd
 from fdd.diagnosis.model import Model
@@ -19,25 +19,17 @@ from fdd.service.store import Store
 from fdd.unit import Unit
 
 
-def _files(folder: Path, **inner: str) -> Path:
-    """Profiles of some inner names, under their files' names."""
-    for stem, name in inner.items():
-        unit = Unit.load("axis_a").model_copy(update={"name": name})
-        (folder / f"{stem}.yaml").write_text(unit.to_yaml(), "utf-8")
-    return folder
-
-
 @pytest.mark.parametrize("said", ["rig_3", None])
-def test_a_restart_keeps_the_named_profile(
-    store: Store, log: Samples, tmp_path: Path, said: str | None
-) -> None:
+def test_a_restart_keeps_the_profile(store: Store, log: Samples, tmp_path: Path, said: str | None) -> None:
     """Names of files and of profiles may differ, and one may be called as another's file."""
-    units = _files(tmp_path, rig_3="inner", inner="another", A1="inner")
+    for stem, name in {"rig_3": "inner", "inner": "another", "A1": "inner"}.items():
+        unit = Unit.load("axis_a").model_copy(update={"name": name})
+        (tmp_path / f"{stem}.yaml").write_text(unit.to_yaml(), "utf-8")
     blocks = [replace(b, unit=said) for b in blocks_of(log.rows(0, 2000))]
-    fleet, inbox, _ = fleet_of(store, units=units, fallback=None)
-    send(fleet, inbox, blocks)
+    fleet = fleet_of(store, units=tmp_path, fallback=None)
+    send(fleet, blocks)
     fleet.keep()
-    again, _, _ = fleet_of(store, units=units, fallback=None)
+    again = fleet_of(store, units=tmp_path, fallback=None)
     assert again.axes()[0].unit == "inner" and again.axes()[0].samples == 2000
     assert not store.audit(), "its state was taken up again"
 
@@ -47,14 +39,14 @@ def test_an_axis_whose_sender_was_mended_is_watched_again(store: Store, log: Sam
     change nothing."""
     wrong = blocks_of(Samples(log.time, {**log.columns, "position": 1000.0 * log["position"]}))
     for part in (wrong[:20], wrong[20:80]):
-        fleet, inbox, _ = fleet_of(store)
-        send(fleet, inbox, part)
+        fleet = fleet_of(store)
+        send(fleet, part)
         fleet.keep()
     assert fleet.axes()[0].state == "failed" and "looks like mm" in fleet.axes()[0].headline
     assert not store.findings() and not store.audit(), "nothing is told of what was in a wrong unit"
-    fleet, inbox, _ = fleet_of(store)
+    fleet = fleet_of(store)
     assert fleet.axes()[0].state == "failed"
-    send(fleet, inbox, blocks_of(log)[80:])
+    send(fleet, blocks_of(log)[80:])
     (status,) = fleet.axes()
     assert status.state == "unacknowledged" and "internal_leakage" in {f["fault"] for f in store.findings()}
 
@@ -77,9 +69,9 @@ def test_pressures_on_another_scale_are_refused(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> None:
-    fleet, inbox, bus = fleet_of(store)
-    heard = bus.subscribe(["axis"])
-    send(fleet, inbox, blocks_of(log))
+    fleet = fleet_of(store)
+    heard = fleet._bus.subscribe(["axis"])
+    send(fleet, blocks_of(log))
     fleet.keep()
     assert store.alarms()[0]["state"] == "UNACK" and store.rollups("A1", "leakage", "minute")
     with working(fleet):
@@ -89,14 +81,12 @@ def test_an_axis_can_be_removed_and_begins_anew(store: Store, log: Samples) -> N
     assert fleet.axes() == [] == store.axes() and store.checkpoint("A1") is None
     assert not store.journal("A1") and not store.rollups("A1", "leakage", "minute")
     assert store.alarms()[0]["state"] == "NORMAL"
-    assert [(a["action"], a["who"]) for a in store.audit()][:2] == [
-        ("AXIS_REMOVED", "ann"),
-        ("REMOVED", "ann"),
-    ]
+    done = [(a["action"], a["who"]) for a in store.audit()]
+    assert done[:2] == [("AXIS_REMOVED", "ann"), ("REMOVED", "ann")]
     assert [heard.get().data, heard.get().data][1] == {"removed": True}  # type: ignore[union-attr]
-    again, inbox, _ = fleet_of(store)
+    again = fleet_of(store)
     assert again.axes() == []
-    send(again, inbox, blocks_of(log.rows(0, 1000)))
+    send(again, blocks_of(log.rows(0, 1000)))
     again.keep()
     assert again.axes()[0].samples == 1000
 
@@ -106,22 +96,20 @@ def test_strangers_of_one_message_each_leave_the_place_to_others(
 ) -> None:
     monkeypatch.setattr("fdd.service.fleet.MOST_AXES", 5)
     monkeypatch.setattr("fdd.service.fleet.MOST_REFUSED", 3)
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(log.rows(0, 6000)))
+    fleet = fleet_of(store)
+    send(fleet, blocks_of(log.rows(0, 6000)))
     for k in range(20):
-        send(fleet, inbox, [replace(blocks_of(log)[0], axis=f"stranger-{k}")])
+        send(fleet, [replace(blocks_of(log)[0], axis=f"stranger-{k}")])
     assert len(fleet.axes()) == len(store.axes()) == 5 and "A1" in {s.name for s in fleet.axes()}
-    for _ in range(400):
-        ticking[0] += 0.2
-        fleet.step(0.0)
+    passing(fleet, ticking, *[0.2] * 400)
     assert [s.name for s in fleet.axes()] == ["A1"] == [row["name"] for row in store.axes()]
 
 
 def test_what_is_refused_for_want_of_a_profile_is_counted_and_told(store: Store, log: Samples) -> None:
-    fleet, inbox, _ = fleet_of(store, units={"known": "axis_a"}, fallback=None)
-    send(fleet, inbox, blocks_of(log, "known")[:5])
+    fleet = fleet_of(store, units={"known": "axis_a"}, fallback=None)
+    send(fleet, blocks_of(log, "known")[:5])
     for k in range(120):
-        send(fleet, inbox, [replace(blocks_of(log)[0], axis=f"A{k}")])
+        send(fleet, [replace(blocks_of(log)[0], axis=f"A{k}")])
     assert len(fleet.axes()) == 101, "of the names that strangers give the last ones are told"
     assert fleet.axes()[-1].quality == {"refused": 100} and "no profile" in fleet.problems()[0]
     assert fleet.axes()[-1].state == "failed" and "no profile" in fleet.axes()[-1].headline
@@ -129,26 +117,25 @@ def test_what_is_refused_for_want_of_a_profile_is_counted_and_told(store: Store,
 
 
 def test_a_state_of_another_profile_is_put_away(store: Store, log: Samples) -> None:
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, blocks_of(log)[:60])
+    fleet = fleet_of(store)
+    send(fleet, blocks_of(log)[:60])
     fleet.keep()
-    other, _, _ = fleet_of(store, units={"A1": "axis_b"})
-    assert other.axes()[0].samples == 0
+    assert fleet_of(store, units={"A1": "axis_b"}).axes()[0].samples == 0
     assert [a["action"] for a in store.audit()] == ["STATE_DISCARDED"]
 
 
 @pytest.mark.slow
 def test_a_unit_without_baseline_is_learnt_while_it_is_healthy(store: Store, log: Samples) -> None:
     healthy = blocks_of(log)[:290]
-    fleet, inbox, _ = fleet_of(store, learn_minutes=0.25)
-    send(fleet, inbox, healthy[:100])
+    fleet = fleet_of(store, learn_minutes=0.25)
+    send(fleet, healthy[:100])
     assert fleet.axes()[0].state == "silent" and fleet._axes["A1"].unit.baseline is None
     fleet.keep()
-    fleet, inbox, _ = fleet_of(store, learn_minutes=0.25)
-    send(fleet, inbox, healthy[100:])
+    fleet = fleet_of(store, learn_minutes=0.25)
+    send(fleet, healthy[100:])
     fleet.keep()
     assert fleet._axes["A1"].unit.baseline is not None, "learnt, over a restart too"
-    again, _, _ = fleet_of(store, learn_minutes=0.25)
+    again = fleet_of(store, learn_minutes=0.25)
     assert again._axes["A1"].unit.to_yaml() == fleet._axes["A1"].unit.to_yaml(), "and not forgotten"
     assert not store.alarms()
 
@@ -159,30 +146,27 @@ def test_a_message_is_kept_as_it_came_unless_it_says_more(store: Store, log: Sam
         head = {"schema": "fdd.block/1", "sequence": block.sequence, **more}
         return arrow_payload({"time": block.samples.time, **block.samples.columns, **(stray or {})}, head)
 
-    blocks = blocks_of(log)[:32]
-    messages = [message(block) for block in blocks]
-    fleet, inbox, _ = fleet_of(store)
-    send(fleet, inbox, [Decoder().decode(m, axis="A1") for m in messages])
+    first, messages = blocks_of(log)[0], [message(block) for block in blocks_of(log)[:32]]
+    send(fleet_of(store), [Decoder().decode(m, axis="A1") for m in messages])
     kept = [payload for _, payload in store.journal("A1")]
     assert kept and kept == messages[-len(kept) :]
-    again, _, _ = fleet_of(store)
+    again = fleet_of(store)
     again.keep()
     assert again.axes()[0].samples == 3200, "worked again from there"
-    first = blocks[0]
     for given in (message(first, note="x" * 100_000), message(first, {"stray": first.samples.time})):
         decoded = Decoder().decode(given, axis="A1")
         assert decoded.payload is None and np.array_equal(decoded.samples.time, first.samples.time)
 
 
 def test_blocks_of_many_axes_in_one_step_are_all_there_after_a_restart(store: Store, log: Samples) -> None:
-    fleet, inbox, _ = fleet_of(store)
+    fleet = fleet_of(store)
     both = zip(blocks_of(log, "A1")[:33], blocks_of(log, "B2")[:33], strict=True)
     for number, (one, other) in enumerate(both):
-        inbox.put(one)
+        fleet.inbox.put(one)
         if number % 3:  # not in every step
-            inbox.put(other)
+            fleet.inbox.put(other)
         fleet.step(0.0)
-    again, _, _ = fleet_of(store)
+    again = fleet_of(store)
     again.keep()
     quality = {s.name: s.quality for s in again.axes()}
     held = {name: watch.order.held_samples for name, watch in again._axes.items()}

@@ -89,25 +89,22 @@ def test_search_and_filters(browser: Browser, server: Server) -> None:
     browser.wait(f"{rows} === 2")
     browser.press("Escape")
     browser.wait(f"{rows} === 8")
-    browser.run(
-        "[...document.querySelectorAll('.counts button')].find((b) => b.innerText.includes('Silent')).click()"
-    )
+    silent = "[...document.querySelectorAll('.counts button')].find((b) => b.innerText.includes('Silent'))"
+    browser.run(f"{silent}.click()")
     browser.wait(f"{rows} === 1")
 
 
 def test_each_page_says_what_is_so_and_in_whose_time(browser: Browser, server: Server, world: World) -> None:
     status = world.details["F7/aileron-R"].status
-    status.silent, status.zone, status.clock = True, "Asia/Tokyo", 1.7e9
-    status.last_wall = 1.7e9 + 600.0
-    world.details["F3/rudder"] = world.details["F3/rudder"].model_copy(
-        update={"estimates": Series(), "misfits": Series(), "probabilities": Series(), "signals": Bands()}
-    )
+    status.silent, status.zone, status.clock, status.last_wall = True, "Asia/Tokyo", 1.7e9, 1.7e9 + 600.0
+    nothing = dict.fromkeys(("estimates", "misfits", "probabilities"), Series()) | {"signals": Bands()}
+    world.details["F3/rudder"] = world.details["F3/rudder"].model_copy(update=nothing)
     line = {"name": "line", "connected": True, "received": 7, "refused": 1, "last_error": "no time in it"}
     world.health["sources"] = {"line": line}
     browser.open(f"{server.address}#/")
-    count = lambda state: browser.run(f"document.querySelector('[data-key=\"count {state}\"] b').innerText")  # noqa: E731
     browser.wait(f"{text('#main')}.includes('no time in it')")
-    assert [count(s) for s in ("unacknowledged", "in alarm", "silent")] == ["2", "3", "2"]
+    for state, count in {"unacknowledged": "2", "in alarm": "3", "silent": "2"}.items():
+        assert browser.run(text(f'[data-key="count {state}"] b')) == count
     browser.open(f"{server.address}#/axis/F7%2Faileron-R")
     browser.wait(f"{text('#main')}.includes('What was found')")
     said = browser.run(text("#main"))
@@ -117,13 +114,8 @@ def test_each_page_says_what_is_so_and_in_whose_time(browser: Browser, server: S
     browser.wait(f"{text('#main')}.includes('after five seconds of data')")
 
 
-VIEWS = ("", "#/alarms", "#/axis/F7%2Faileron-R", "#/history")
-
-
-def test_everything_fits_the_window_is_reached_by_tab_and_shows_the_focus(
-    browser: Browser, server: Server
-) -> None:
-    for view in VIEWS:
+def test_everything_fits_the_window_and_is_reached_by_tab_in_sight(browser: Browser, server: Server) -> None:
+    for view in ("", "#/alarms", "#/axis/F7%2Faileron-R", "#/history"):
         browser.open("about:blank")
         browser.open(f"{server.address}{view}")
         browser.wait("document.querySelector('main h1')")
@@ -177,12 +169,11 @@ def test_a_token_is_asked_for_and_view_may_not_act(browser: Browser, world: Worl
     with on_a_port(world, tokens=tokens) as server:
         browser.open(server.address)
         browser.wait("document.activeElement.name === 'token'")
-        browser.type("guess")
-        browser.press("Enter")
-        browser.wait(f"{text('.problem')} === 'unknown token'")
-        browser.type(secret["view"])
-        browser.press("Enter")
-        browser.wait("document.querySelectorAll('.fleet tbody tr').length === 8")
+        fleet = "document.querySelectorAll('.fleet tbody tr').length === 8"
+        for token, then in (("guess", f"{text('.problem')} === 'unknown token'"), (secret["view"], fleet)):
+            browser.type(token)
+            browser.press("Enter")
+            browser.wait(then)
         assert browser.run(text("#who")) == "view-person (view)"
         assert browser.run("document.cookie") == "", "scripts never see it"
         browser.run("location.hash = '#/alarms'")

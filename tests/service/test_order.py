@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from fdd.monitor.stream_clock import Gaps
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.order import Order
+from tests.service.senders import ordered
 
 PERIOD = 0.01
 
@@ -56,9 +58,7 @@ def disturbed(draw: st.DrawFn, blocks: list[Block], *, fixed: frozenset[int]) ->
             if rows * PERIOD * 1.5 > 0.45:
                 break
             stop += 1
-        group = list(range(k, stop))
-        rng.shuffle(group)
-        order += group
+        order += rng.permutation(np.arange(k, stop)).tolist()
         k = stop
     out: list[Block] = []
     for k in order:
@@ -72,9 +72,9 @@ def passed(blocks: list[Block], restart: int | None) -> tuple[Samples, Order]:
     order, parts = Order(), []
     for k, one in enumerate(blocks):
         if k == restart:
-            state = order.state()
+            state = {name: array.copy() for name, array in order.state().items()}
             order = Order()
-            order.restore({name: array.copy() for name, array in state.items()})
+            order.restore(state)
         parts.append(order.take([one]))
         given, counts = sum(len(p) for p in parts), order.counts
         assert counts["received"] == given + counts["repeated"] + counts["late"] + order.held_samples
@@ -86,11 +86,8 @@ def passed(blocks: list[Block], restart: int | None) -> tuple[Samples, Order]:
 def test_disturbed_streams_give_the_undisturbed_samples(data: st.DataObject, counted: bool) -> None:
     blocks, times, values = blocks_of(data.draw, counted=counted)  # type: ignore[arg-type]
     # Without numbers nothing tells on which side of a set clock a block belongs.
-    set_at = {
-        k
-        for k in range(1, len(blocks))
-        if not 0.0 < blocks[k].samples.time[0] - blocks[k - 1].samples.time[-1] < 0.5
-    }
+    steps = [after.samples.time[0] - before.samples.time[-1] for before, after in pairwise(blocks)]
+    set_at = {k for k, step in enumerate(steps, 1) if not 0.0 < step < 0.5}
     coming = disturbed(data.draw, blocks, fixed=frozenset() if counted else frozenset(set_at))  # type: ignore[arg-type]
     restart = data.draw(st.none() | st.integers(0, len(coming)))
     found, order = passed(coming, restart)
@@ -115,17 +112,15 @@ def test_a_block_that_never_comes_is_given_up_after_the_hold() -> None:
     # 0.5 s are held with the blocks 3 to 7, more with 8.
     assert got == [10, 10, 0, 0, 0, 0, 0, 60, 10]
     assert order.counts["missing_blocks"] == 1 and order.gaps.jumps == 0
-    late = order.take([steady(2, 0.2)])
-    assert len(late) == 0 and order.counts["late"] == 10
-    order.take([steady(2, 0.2)])
-    assert order.counts["late"] == 10 and order.counts["repeated"] == 10
+    for repeated in (0, 10):
+        assert len(order.take([steady(2, 0.2)])) == 0
+        assert (order.counts["late"], order.counts["repeated"]) == (10, repeated)
 
 
 def test_rows_that_interleave_are_put_between_each_other_and_silence_passes_on_what_is_held() -> None:
-    order = Order()
-    odd, even = (block(PERIOD * np.arange(k, 200, 2), np.arange(k, 200, 2.0), None) for k in (1, 0))
-    parts = [order.take([odd]), order.take([even]), order.flush()]
-    assert np.array_equal(Samples.concatenate(parts)["position"], np.arange(200.0))
+    parts = (block(PERIOD * np.arange(k, 200, 2), np.arange(k, 200, 2.0), None) for k in (1, 0))
+    found, order = ordered(parts)
+    assert np.array_equal(found["position"], np.arange(200.0))
     for start in (2.0, 2.1):
         assert len(order.take([steady(None, start)])) == 0 and len(order.flush()) == 10
     assert order.held_samples == 0
@@ -145,9 +140,8 @@ def test_rows_after_newer_ones_are_late_and_known_ones_repeated() -> None:
 def test_rows_sent_again_in_other_cuts_are_passed_on_once() -> None:
     time, value = PERIOD * np.arange(100), np.arange(100.0)
     cuts = [(0, 30), (20, 50), (10, 45), (45, 60), (50, 100)]
-    order = Order()
-    parts = [order.take([block(time[a:b], value[a:b], None)]) for a, b in cuts]
-    assert np.array_equal(Samples.concatenate([*parts, order.flush()])["position"], value)
+    found, order = ordered(block(time[a:b], value[a:b], None) for a, b in cuts)
+    assert np.array_equal(found["position"], value)
     assert order.counts["repeated"] == sum(b - a for a, b in cuts) - 100 and order.counts["late"] == 0
 
 

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -33,37 +34,28 @@ def broker(tmp_path: Path) -> Iterator[Broker]:
 
 @pytest.fixture
 def listen(broker: Broker) -> Iterator[Callable[[], Client]]:
-    made: list[Client] = []
-
-    def listener() -> Client:
-        made.append(Client(broker, listens="#"))
-        return made[-1]
-
-    yield listener
-    for one in made:
-        one.close()
+    with ExitStack() as open_ones:
+        yield lambda: open_ones.enter_context(closing(Client(broker, listens="#")))
 
 
 @pytest.fixture
 def publish(broker: Broker) -> Iterator[Callable[..., MqttPublisher]]:
-    made: list[MqttPublisher] = []
+    """Starts a publisher, and waits until it is connected unless it is to be refused."""
+    stops = ExitStack()
 
     def publisher(
-        standing: Any = lambda: (), outbox: Any = None, settle: Any = None, **given: Any
+        standing: Any = lambda: (), store: Any = None, connects: bool = True, **given: Any
     ) -> MqttPublisher:
         config = MqttOutput(host="127.0.0.1", port=broker.port, prefix="plant/fdd", **given)
-        store = SimpleNamespace(alarms=lambda states: standing(), outbox=outbox, settle=settle)
-        made.append(MqttPublisher(config, store))  # type: ignore[arg-type]
-        made[-1].start()
-        return made[-1]
+        kept = {"outbox": store.outbox, "settle": store.settle} if store else {}
+        made = MqttPublisher(config, SimpleNamespace(alarms=lambda states: standing(), **kept))
+        stops.callback(made.stop)
+        made.start()
+        until(lambda: not connects or (made.status()["connected"] and made.connections))
+        return made
 
-    yield publisher
-    for one in made:
-        one.stop()
-
-
-def connected(publisher: MqttPublisher) -> None:
-    until(lambda: publisher.status()["connected"] and publisher.connections)
+    with stops:
+        yield publisher
 
 
 VERSIONS = pytest.mark.parametrize("version", ["3.1.1", "5"])
@@ -72,7 +64,6 @@ VERSIONS = pytest.mark.parametrize("version", ["3.1.1", "5"])
 @VERSIONS
 def test_what_is_retained_and_what_is_not(publish: Any, listen: Any, version: str) -> None:
     live, publisher = listen(), publish(version=version)
-    connected(publisher)
     publisher.note("hall/A1", {"state": "in alarm"})
     publisher.tick()
     publisher.deliver(message("alarm", transition(axis="hall/A1")))
@@ -92,11 +83,8 @@ def test_what_is_retained_and_what_is_not(publish: Any, listen: Any, version: st
     assert not later.of(alarm) and not later.of(found)
 
 
-def test_a_state_is_told_but_not_too_often(
-    publish: Any, listen: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_state_is_told_not_too_often(publish: Any, listen: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     live, publisher = listen(), publish()
-    connected(publisher)
     monkeypatch.setattr(targets, "EVERY_S", 0.4)
     begun = time.monotonic()
     while time.monotonic() - begun < 1.0:
@@ -120,8 +108,7 @@ def test_a_broker_that_was_killed_is_told_everything_again(
     broker: Broker, publish: Any, listen: Any, version: str, store: Store
 ) -> None:
     stands = list[dict[str, Any]]()
-    publisher = publish(lambda: stands, store.outbox, store.settle, version=version)
-    connected(publisher)
+    publisher = publish(lambda: stands, store, version=version)
     publisher.note("A1", {"state": "healthy"})
     publisher.tick()
     broker.kill()
@@ -149,7 +136,6 @@ def test_a_broken_link_is_told_and_a_store_in_trouble_asked_again(publish: Any, 
         return [transition()["alarm"]]
 
     live, publisher = listen(), publish(standing)
-    connected(publisher)
     with pytest.raises(RuntimeError):
         publisher.tick()
     publisher.tick()
@@ -167,14 +153,12 @@ def test_a_wrong_password_is_told_in_a_line(broker: Broker, publish: Any, tmp_pa
         pytest.skip("mosquitto_passwd does not work here")
     broker.kill()
     broker.start("allow_anonymous false", f"password_file {secrets}")
-    right, wrong = tmp_path / "right", tmp_path / "wrong"
-    right.write_text("right\n")
-    wrong.write_text("wrong\n")
-    refused = publish(user="fdd", password_file=wrong)
+    for word in ("right", "wrong"):
+        (tmp_path / word).write_text(f"{word}\n")
+    refused = publish(user="fdd", password_file=tmp_path / "wrong", connects=False)
     until(lambda: "refuses" in refused.status()["link_error"])
     assert "Not authorized" in refused.status()["link_error"]
     with pytest.raises(Undelivered, match="refuses the connection"):
         refused.deliver(message("alarm", transition()))
-    publisher = publish(user="fdd", password_file=right)
-    connected(publisher)
+    publisher = publish(user="fdd", password_file=tmp_path / "right")
     publisher.deliver(message("alarm", transition()))

@@ -18,6 +18,7 @@ import pytest
 from stores import postgres_server, postgres_url
 from typer.testing import CliRunner
 
+from fdd.cli import serve
 from fdd.cli.app import app
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -32,11 +33,13 @@ from fdd.service.store import Store
 from fdd.unit import Unit
 from tests.service.senders import until
 
+BASE = "schema: fdd.serve/1\nfallback: axis_a\nlisten: {port: 0}\n"
+UDP = f"{BASE}sources: [{{type: udp, port: 0}}]\n"
+
 
 @contextmanager
 def serving(config: Serve) -> Iterator[Service]:
-    stop = threading.Event()
-    service = Service(config)
+    stop, service = threading.Event(), Service(config)
     running = threading.Thread(target=service.run, args=(stop,))
     running.start()
     try:
@@ -47,9 +50,9 @@ def serving(config: Serve) -> Iterator[Service]:
     assert not running.is_alive()
 
 
-def ask(address: str, body: dict[str, Any] | None = None) -> Any:
-    headers = {"x-fdd": "1"}
-    with httpx.Client(timeout=20, trust_env=False, headers=headers) as client:
+def ask(service: Service, path: str, body: dict[str, Any] | None = None) -> Any:
+    address = f"{service.address}api/{path}"
+    with httpx.Client(timeout=20, trust_env=False, headers={"x-fdd": "1"}) as client:
         answer = client.get(address) if body is None else client.post(address, json=body)
     return answer.raise_for_status().json()
 
@@ -58,37 +61,37 @@ def test_a_leak_is_told_acknowledged_recorded_and_kept_and_what_is_refused_is_to
     log: Samples, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     write_parquet(tmp_path / "run.parquet", log)
-    text = (
-        "schema: fdd.serve/1\nfallback: axis_a\nlisten: {port: 0}\noutputs: {recording: {folder: kept}}\n"
-        "sources:\n- {type: tcp, port: 0, name: line}\n"
-        "- {type: replay, speed: max, logs: {A1: run.parquet}}\n"
-    )
+    sources = "[{type: tcp, port: 0, name: line}, {type: replay, speed: max, logs: {A1: run.parquet}}]"
+    text = f"{BASE}outputs: {{recording: {{folder: kept}}}}\nsources: {sources}"
     config = Serve.from_yaml(text, folder=tmp_path)
     with serving(config) as service:
-        address = service.address
-        (alarm,) = until(lambda: ask(f"{address}api/alarms")["alarms"])
+        (alarm,) = until(lambda: ask(service, "alarms")["alarms"])
         assert (alarm["axis"], alarm["fault"], alarm["state"]) == ("A1", "internal_leakage", "UNACK")
-        ask(f"{address}api/alarms/{alarm['id']}/acknowledge", {"note": "on my way"})
-        assert ask(f"{address}api/axes")["axes"][0]["state"] == "in alarm"
-        assert ask(f"{address}api/axes/A1")["findings"][0]["fault"] == "internal_leakage"
+        acknowledge = f"alarms/{alarm['id']}/acknowledge"
+        ask(service, acknowledge, {"note": "on my way"})
+        (alarm,) = ask(service, "alarms")["alarms"]  # from the store, before anything else is done
+        assert (alarm["state"], alarm["acked_by"], alarm["note"]) == ("ACKED", "local", "on my way")
+        with pytest.raises(httpx.HTTPStatusError, match="409"):
+            ask(service, acknowledge, {})
+        assert ask(service, "axes")["axes"][0]["state"] == "in alarm"
+        assert ask(service, "axes/A1")["findings"][0]["fault"] == "internal_leakage"
         until(lambda: service.outputs.status()["recording"]["running"])
         with pytest.raises(InputError, match="another fdd serve"):
             Service(config)
         with socket.create_connection(("127.0.0.1", service.sources()["line"]["port"])) as line:
             line.sendall(b'{"schema": "fdd.block/1", "axis": "A1", "colums": {}}\n')
         refused = "source line refused messages: unknown key 'colums' in a block"
-        health = until(lambda: refused in str((h := ask(f"{address}api/health"))["problems"]) and h)
+        health = until(lambda: refused in str((h := ask(service, "health"))["problems"]) and h)
         assert health["sources"]["line"]["refused"] == 1 and health["status"] == "degraded"
-        metrics = httpx.get(f"{address}metrics", timeout=20).text
+        metrics = httpx.get(f"{service.address}metrics", timeout=20).text
         assert 'fdd_source_refused_total{source="line"} 1.0' in metrics
         assert "source line: 1 refused, the last one: unknown key 'colums'" in caplog.text
     [path] = (tmp_path / "kept").glob("A1_*.mcap")
     assert read_log(path).samples.time[-1] > 5.0, "a stop leaves what there is"
     with serving(config) as service:
-        address = service.address
-        (alarm,) = until(lambda: ask(f"{address}api/alarms")["alarms"])
+        (alarm,) = until(lambda: ask(service, "alarms")["alarms"])
         assert (alarm["state"], alarm["note"]) == ("ACKED", "on my way")
-        done = [r["action"] for r in ask(f"{address}api/audit")["records"]]
+        done = [r["action"] for r in ask(service, "audit")["records"]]
         assert done.count("RAISED") == 1 and "ACKNOWLEDGED" in done
 
 
@@ -97,29 +100,25 @@ def test_a_server_that_is_away_at_the_start_or_killed_later_is_told_and_nothing_
 ) -> None:
     write_parquet(tmp_path / "run.parquet", log)
     url = postgres_url()
-    text = (
-        f"schema: fdd.serve/1\nfallback: axis_a\nlisten: {{port: 0}}\nstore: {url}\n"
-        "sources:\n- {type: replay, speed: 10, logs: {A1: run.parquet}}\n"
-    )
+    text = f"{BASE}store: {url}\nsources: [{{type: replay, speed: 10, logs: {{A1: run.parquet}}}}]"
     monkeypatch.setattr("fdd.service.service.AGAIN_S", 0.2)
     postgres_server().kill()
     coming_back = threading.Timer(1.0, postgres_server().start)
     coming_back.start()
     with serving(Serve.from_yaml(text, folder=tmp_path)) as service:
         coming_back.join()
-        address = service.address
-        samples = lambda: sum(a["samples"] for a in ask(f"{address}api/axes")["axes"])  # noqa: E731
-        trouble = lambda: "store cannot be written" in str(ask(f"{address}api/health"))  # noqa: E731
+        samples = lambda: sum(a["samples"] for a in ask(service, "axes")["axes"])  # noqa: E731
+        trouble = lambda: "store cannot be written" in str(ask(service, "health"))  # noqa: E731
         for already in (5_000, 33_000):  # before the fault, and while it is being told
             until(lambda already=already: samples() > already)
             postgres_server().kill()
             until(trouble)
             with pytest.raises(httpx.HTTPStatusError, match="503"):
-                ask(f"{address}api/alarms")
+                ask(service, "alarms")
             postgres_server().start()
             until(lambda: not trouble())
         until(lambda: samples() == len(log))
-        until(lambda: ask(f"{address}api/alarms")["alarms"])
+        until(lambda: ask(service, "alarms")["alarms"])
     store = Store(url)
     whole = Pipeline(Unit.load("axis_a"), Model.load(), keep_trajectories=False).push(log)
     assert [(f["onset"], f["severity"]) for f in store.findings()] == [(f.onset_s, f.severity) for f in whole]
@@ -128,12 +127,9 @@ def test_a_server_that_is_away_at_the_start_or_killed_later_is_told_and_nothing_
     store.close()
 
 
-def test_the_command_checks_its_file_and_makes_tokens(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = CliRunner().invoke
-    path = tmp_path / "serve.yaml"
-    path.write_text("schema: fdd.serve/1\nsources: [{type: udp, port: 9000}]\n")
+def test_the_command_checks_a_file_and_makes_tokens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, path = CliRunner().invoke, tmp_path / "serve.yaml"
+    path.write_text(UDP)
     checked = run(app, ["serve", str(path), "--check"])
     assert checked.exit_code == 0 and "1 source, store" in checked.output
     made = run(app, ["serve", "--token", "ann:acknowledge"])
@@ -148,7 +144,6 @@ def test_the_command_checks_its_file_and_makes_tokens(
 
 def test_a_fleet_that_fails_ends_the_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not with status 0, by which nobody would start it again."""
-    text = "schema: fdd.serve/1\nlisten: {port: 0}\nsources: [{type: udp, port: 0}]\n"
     for error in (InputError("the store is damaged"), RuntimeError("a fault of fdd")):
 
         def failing(self: Fleet, stop: threading.Event, error: Exception = error) -> None:
@@ -156,21 +151,18 @@ def test_a_fleet_that_fails_ends_the_service(tmp_path: Path, monkeypatch: pytest
 
         monkeypatch.setattr(Fleet, "run", failing)
         with pytest.raises(type(error), match=str(error)):
-            Service(Serve.from_yaml(text, folder=tmp_path)).run(threading.Event())
+            Service(Serve.from_yaml(UDP, folder=tmp_path)).run(threading.Event())
 
 
 @pytest.mark.skipif(os.name == "nt", reason="sends signals")
 def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
     """A process manager and its wrapper may both send one: it must not wait for itself."""
-    config = tmp_path / "serve.yaml"
-    config.write_text(
-        "schema: fdd.serve/1\nfallback: axis_a\nlisten: {port: 0}\nsources: [{type: udp, port: 0}]\n"
-    )
+    (tmp_path / "serve.yaml").write_text(UDP)
     program = "import sys; from fdd.cli import main; sys.argv[0] = 'fdd'; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, "serve", str(config)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}, text=True,
-    )  # fmt: skip
+    command = [sys.executable, "-c", program, "serve", tmp_path / "serve.yaml"]
+    env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(command, **pipes, env=env, text=True)
     assert process.stdout is not None and "Page:" in process.stdout.readline()
     for _ in range(2):
         process.send_signal(signal.SIGTERM)
@@ -181,11 +173,7 @@ def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        "units: none",
-        "fallback: none",
-        "units: {A1: none}",
-        "model: none.json",
-        "tokens: none.txt",
+        *("units: none", "fallback: none", "units: {A1: none}", "model: none.json", "tokens: none.txt"),
         "listen: {port: 0, tls: {cert: none.pem, key: none.key}}",
         "listen: {port: 0, tls: {cert: serve.yaml, key: serve.yaml}}",
         "state: serve.yaml/state",
@@ -211,8 +199,6 @@ def test_whatever_the_file_names_is_opened_before_anything_is_made(line: str, tm
 
 
 def test_a_demo_removes_what_a_killed_one_has_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from fdd.cli import serve
-
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     (tmp_path / "fdd-demo-killed").mkdir()
     (tmp_path / "fdd-demo-killed" / ".lock").touch()

@@ -35,18 +35,12 @@ WALL = 1.7e9
 
 
 def finding(
-    fault: str = "pump_wear",
-    family: str = "leakage",
-    low: float | None = 0.1,
-    confidence: float = 0.9,
-    ambiguity: tuple[str, ...] = (),
-    channel: str | None = None,
+    fault: str = "pump_wear", family: str = "leakage", low: float | None = 0.1, others: Any = (), **more: Any
 ) -> FaultFinding:
-    return FaultFinding(
-        fault=fault, family=family, ambiguity=[fault, *ambiguity], confidence=confidence, onset_s=1.0,
-        detected_s=2.0, channel=channel, severity=None if low is None else low + 0.1,
-        severity_interval=None if low is None else (low, low + 0.2),
-    )  # fmt: skip
+    """Of at least a severity; `others` are of its ambiguity group."""
+    size = {} if low is None else {"severity": low + 0.1, "severity_interval": (low, low + 0.2)}
+    usual = {"confidence": 0.9, "onset_s": 1.0, "detected_s": 2.0, **size}
+    return FaultFinding(fault=fault, family=family, ambiguity=[fault, *others], **{**usual, **more})
 
 
 KINDS: dict[str, dict[str, Any]] = {
@@ -57,14 +51,25 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
+def of(*values: Any) -> st.SearchStrategy[Any]:
+    return st.sampled_from(values)
+
+
+Stands = dict[str, tuple[float | None, float]]
+"""Lowest severity and confidence of what stands."""
+AXES, KEYS = of("A1", "A2"), of(*sorted(KINDS))
+LOWEST = st.none() | of(0.0, 0.24, 0.25, 0.5, 0.75, 1.2)
+GAPS = of(LOOK, LOOK, 70.0, 700.0, 4000.0)
+STANDS = st.dictionaries(KEYS, st.tuples(LOWEST, of(0.3, 0.9)))
+
+
 class Plant(RuleBasedStateMachine):
     """Random looks and actions; a second book is restored from JSON again and again and must do the same."""
 
     def __init__(self) -> None:
         super().__init__()
         self.book, self.twin = AlarmBook(), AlarmBook()
-        self.time = {"A1": 0.0, "A2": 1e6}
-        self.wall = WALL
+        self.time, self.wall = {"A1": 0.0, "A2": 1e6}, WALL
         self.audit: list[Transition] = []
         self.worst: dict[int, int] = {}
 
@@ -73,27 +78,12 @@ class Plant(RuleBasedStateMachine):
         self.audit += transitions
         return transitions
 
-    @rule(
-        axis=st.sampled_from(["A1", "A2"]),
-        stands=st.dictionaries(
-            st.sampled_from(sorted(KINDS)),
-            st.tuples(
-                st.none() | st.sampled_from([0.0, 0.24, 0.25, 0.5, 0.75, 1.2]), st.sampled_from([0.3, 0.9])
-            ),
-        ),
-        looks=st.sampled_from([1, 1, 2, 11, 12, 13, 130]),
-        gap=st.sampled_from([LOOK, LOOK, 70.0, 700.0, 4000.0]),
-    )
-    def look(self, axis: str, stands: dict[str, tuple[float | None, float]], looks: int, gap: float) -> None:
+    @rule(axis=AXES, stands=STANDS, looks=of(1, 1, 2, 11, 12, 13, 130), gap=GAPS)
+    def look(self, axis: str, stands: Stands, looks: int, gap: float) -> None:
         for k in range(looks):
             self.see(axis, stands, gap if k == 0 else LOOK)
 
-    @rule(
-        axis=st.sampled_from(["A1", "A2"]),
-        key=st.sampled_from(sorted(KINDS)),
-        times=st.integers(1, 8),
-        gap=st.sampled_from([60.0, 65.0, 65.0, 595.0, 600.0, 605.0, 3000.0]),
-    )
+    @rule(axis=AXES, key=KEYS, times=st.integers(1, 8), gap=of(60.0, 65.0, 65.0, 595.0, 600.0, 605.0, 3000.0))
     def flutter(self, axis: str, key: str, times: int, gap: float) -> None:
         """It comes for one look and goes, again and again."""
         for _ in range(times):
@@ -101,7 +91,7 @@ class Plant(RuleBasedStateMachine):
             for _ in range(12):
                 self.see(axis, {}, LOOK)
 
-    def see(self, axis: str, stands: dict[str, tuple[float | None, float]], passed: float) -> None:
+    def see(self, axis: str, stands: Stands, passed: float) -> None:
         self.time[axis] += passed
         self.wall += LOOK
         found = [finding(**KINDS[key], low=low, confidence=c) for key, (low, c) in stands.items()]
@@ -110,13 +100,11 @@ class Plant(RuleBasedStateMachine):
         seen = {a.key: a for a in self.book.alarms(axis) if a.standing and a.seen == self.time[axis]}
         assert seen.keys() == stands.keys() and {a.state for a in seen.values()} <= {U, A, S}
 
-    @rule(
-        data=st.data(), action=st.sampled_from(sorted(BY_PEOPLE)), passed=st.sampled_from([0.0, 40.0, 4000.0])
-    )
+    @rule(data=st.data(), action=of(*sorted(BY_PEOPLE)), passed=of(0.0, 40.0, 4000.0))
     def act(self, data: st.DataObject, action: str, passed: float) -> None:
         self.wall += passed
         ids = sorted({a.id for a in self.book.alarms()} | {999})
-        id = data.draw(st.sampled_from(ids))
+        id = data.draw(of(*ids))
         done_by = Action(action, id, "ann", "a note", self.wall + 300.0)  # type: ignore[arg-type]
         state = {a.id: a.state for a in self.book.alarms()}.get(id)
         if not any(a == BY_PEOPLE[action] and before == state for a, before, _ in DIAGRAM):
@@ -130,7 +118,7 @@ class Plant(RuleBasedStateMachine):
         told = BY_PEOPLE[action], "ann", "a note", self.wall, True
         assert (done.action, done.who, done.note, done.wall, done.notify) == told
 
-    @rule(passed=st.sampled_from([1.0, 299.0, 300.0, 9000.0]))
+    @rule(passed=of(1.0, 299.0, 300.0, 9000.0))
     def clock(self, passed: float) -> None:
         self.wall += passed
         due = {a.id for a in self.book.alarms() if a.state == S and (a.shelved_until or 0.0) <= self.wall}
@@ -192,10 +180,8 @@ def test_a_whole_life() -> None:
     assert look(seconds=55.0) == []
     assert look() == [("RETURNED", "pump_wear")]
     assert look.book.alarms()[0].state == N
-    assert look(seconds=600.0) == []
-    assert look.book.alarms() != []
-    assert look() == []
-    assert look.book.alarms() == []
+    assert look(seconds=600.0) == [] and look.book.alarms() != []
+    assert look() == [] == look.book.alarms()
     assert look(finding()) == [("RAISED", "pump_wear")]
     assert look.book.alarms()[0].id == 2
 
@@ -206,12 +192,12 @@ def test_a_second_fault_has_an_alarm_of_its_own_unless_it_is_of_the_firsts_ambig
     assert look(finding(), finding("aeration", "aeration")) == [("RAISED", "aeration")]
     assert look(finding(), finding("internal_leakage")) == [("RAISED", "internal_leakage")]
     look = Looks()
-    look(finding(ambiguity=("internal_leakage",)))
-    assert look(finding("internal_leakage", ambiguity=("pump_wear",))) == []
+    look(finding(others=("internal_leakage",)))
+    assert look(finding("internal_leakage", others=("pump_wear",))) == []
     (alarm,) = look.book.alarms()
     assert (alarm.key, alarm.fault) == ("leakage/pump_wear", "internal_leakage")
     # Both at once are two, and the one that was there keeps its own.
-    both = finding("internal_leakage", ambiguity=("pump_wear",), confidence=0.99), finding()
+    both = finding("internal_leakage", others=("pump_wear",), confidence=0.99), finding()
     assert look(*both) == [("RAISED", "internal_leakage")]
     assert [(a.id, a.fault) for a in look.book.alarms()] == [(1, "pump_wear"), (2, "internal_leakage")]
 
@@ -225,7 +211,7 @@ def test_a_second_fault_has_an_alarm_of_its_own_unless_it_is_of_the_firsts_ambig
         (finding(low=0.75), "urgent"),
         (finding(low=0.5, confidence=0.49), "medium"),
         (finding("external_leakage", low=0.1), "medium"),
-        (finding(low=0.1, ambiguity=("external_leakage",)), "medium"),
+        (finding(low=0.1, others=("external_leakage",)), "medium"),
         (finding("check_valve_clogged", "check_valve", low=0.9), "urgent"),
         (finding("sensor_dropout", "sensor", low=None), "medium"),
         (finding(low=0.0, confidence=0.3), "low"),
@@ -285,11 +271,9 @@ def test_state_of_another_version_is_read_as_far_as_it_is_known() -> None:
 
 def test_a_chattering_alarm_stays_one_alarm_and_is_silent_until_it_was_quiet_for_an_hour() -> None:
     book, time, told = AlarmBook(), 0.0, []
-    for _ in range(9):
-        for found, until in (([finding()], 5.0), ([], 65.0)):
-            for _ in range(round(until / LOOK)):
-                time += LOOK
-                told += [(t.action, t.notify) for t in book.update("A1", time, WALL, found)]
+    for found in ([finding()], *[[]] * 13) * 9:  # for one look, and 65 s not
+        time += LOOK
+        told += [(t.action, t.notify) for t in book.update("A1", time, WALL, found)]
     assert [action for action, _ in told] == ["RAISED", "RETURNED", *["RERAISED", "RETURNED"] * 8]
     # The sixth re-raise is told still, and that it chatters with it; nothing is from there on.
     assert [notify for _, notify in told] == [True] * 13 + [False] * 5
@@ -306,15 +290,9 @@ def test_a_chattering_alarm_stays_one_alarm_and_is_silent_until_it_was_quiet_for
 
 def test_the_headline_is_what_the_last_look_still_sees() -> None:
     """A weak valve alarm was a leak's first sign: more urgent by its kind, but no look sees it any more."""
-    book, watch = AlarmBook(), AxisWatch("A1", Unit.load("axis_a"), Model.load())
-    known = {"onset_s": 10.0, "detected_s": 15.0}
-    valve = FaultFinding(fault="relief_valve_stuck_open", family="relief_valve", confidence=0.6, severity=0.1,
-                         ambiguity=["relief_valve_stuck_open"], **known)  # fmt: skip
-    leak = FaultFinding(fault="internal_leakage", family="leakage", confidence=0.99, severity=0.2,
-                        ambiguity=["internal_leakage"], **known)  # fmt: skip
-    book.update("A1", 15.0, 0.0, [valve])
-    assert status_of(watch, book.alarms("A1"), {}, 0.0).headline.startswith("Relief valve")
-    book.update("A1", 20.0, 5.0, [valve, leak])
-    assert status_of(watch, book.alarms("A1"), {}, 5.0).headline.startswith("Relief valve")
-    book.update("A1", 25.0, 10.0, [leak])
-    assert status_of(watch, book.alarms("A1"), {}, 10.0).headline.startswith("Internal leakage")
+    look, watch = Looks(), AxisWatch("A1", Unit.load("axis_a"), Model.load())
+    valve = finding("relief_valve_stuck_open", "relief_valve", low=None, severity=0.1, confidence=0.6)
+    leak = finding("internal_leakage", low=None, severity=0.2, confidence=0.99)
+    for found, words in (([valve], "Relief"), ([valve, leak], "Relief"), ([leak], "Internal leakage")):
+        look(*found)
+        assert status_of(watch, look.book.alarms("A1"), {}, look.time).headline.startswith(words)

@@ -1,15 +1,19 @@
-"""What the store keeps, on SQLite and, where there is a server of it, on PostgreSQL."""
+"""What the store keeps, on SQLite and, where there is one, on a PostgreSQL server; and its troubles."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
+import shutil
 import sqlite3
 import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import asdict, replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -18,19 +22,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import create_engine, text
 from sqlalchemy.exc import DBAPIError
-from stores import LEAK, WALL, postgres_url
+from stores import WALL, postgres_url
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
 from fdd.service.alarms import Action, AlarmBook, Transition
-from fdd.service.store import Checkpoint, LeaseLost, Rollup, Store
+from fdd.service.store import Checkpoint, LeaseLost, Rollup, Store, StoreTrouble
 from fdd.service.store.records import unpacked
+from tests.service.senders import LEAK
 
 DAY = 86400.0
 
 
+def sqlite(path: Path) -> str:
+    return f"sqlite:///{path}"
+
+
 def url_of(kind: str, folder: Path) -> str:
-    return f"sqlite:///{folder}/fdd.db" if kind == "sqlite" else postgres_url()
+    return sqlite(folder / "fdd.db") if kind == "sqlite" else postgres_url()
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -40,9 +49,8 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 @pytest.fixture
 def store(url: str) -> Iterator[Store]:
-    store = Store(url)
-    yield store
-    store.close()
+    with closing(Store(url)) as store:
+        yield store
 
 
 def values_of(name: str, values: np.ndarray, start: float = WALL) -> Rollup:
@@ -135,33 +143,27 @@ def test_a_checkpoint_takes_the_blocks_that_it_holds_out_of_the_journal(store: S
         assert t.accept_all([("A1", b"5")]) > third, "ids of rows that are gone must not come again"
 
 
-floats = st.floats(-1e6, 1e6)
+def merged(parts: list[list[float]]) -> Rollup:
+    return reduce(Rollup.merged, (values_of("q", np.array(part)) for part in parts))
 
 
-@given(st.lists(st.lists(floats, min_size=1, max_size=20), min_size=1, max_size=8))
+@given(st.lists(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=20), min_size=1, max_size=8))
 def test_merged_parts_are_what_numpy_says_of_the_whole(parts: list[list[float]]) -> None:
-    whole = np.array([v for part in parts for v in part])
-    total = values_of("q", np.array(parts[0]))
-    for part in parts[1:]:
-        total = total.merged(values_of("q", np.array(part)))
+    whole, total = np.concatenate(parts), merged(parts)
     size = np.abs(whole).max()
-    assert total.n == whole.size
-    assert (total.min, total.max) == (whole.min(), whole.max())
+    assert (total.n, total.min, total.max) == (whole.size, whole.min(), whole.max())
     assert total.mean == pytest.approx(whole.mean(), rel=1e-12, abs=1e-12 * size)
     assert total.std == pytest.approx(whole.std(), rel=1e-9, abs=1e-12 * size)
 
 
 def test_std_of_small_changes_on_a_large_mean_keeps_its_digits() -> None:
     values = 1e9 + np.random.default_rng(2).normal(size=1000)
-    total = values_of("q", values[:1])
-    for value in values[1:]:
-        total = total.merged(values_of("q", np.array([value])))
+    total = merged([[value] for value in values])
     assert total.std == pytest.approx(values.std(), rel=1e-6)
 
 
 def test_minutes_hours_and_days_are_each_the_whole(store: Store) -> None:
-    random = np.random.default_rng(3)
-    start = WALL // DAY * DAY
+    random, start = np.random.default_rng(3), WALL // DAY * DAY
     stamps = start + np.sort(random.uniform(0.0, 2 * DAY, 3000))
     values = random.normal(6e-12, 1e-13, 3000)
     for some in np.array_split(random.permutation(3000), 20):
@@ -174,13 +176,11 @@ def test_minutes_hours_and_days_are_each_the_whole(store: Store) -> None:
         assert [r["start_wall"] for r in rows] == sorted(set(starts))
         for row in rows:
             mine = values[starts == row["start_wall"]]
-            assert row["n"] == mine.size
+            assert (row["n"], row["min"], row["max"]) == (mine.size, mine.min(), mine.max())
             assert row["mean"] == pytest.approx(mine.mean(), rel=1e-12)
             assert row["std"] == pytest.approx(mine.std(), rel=1e-9, abs=1e-26)
-            assert (row["min"], row["max"]) == (mine.min(), mine.max())
-    assert len(store.rollups("A1", "leakage", "hour", since=start + DAY)) == len(
-        {s for s in stamps // 3600 if s * 3600 >= start + DAY}
-    )
+    hours = {s for s in stamps // 3600 if s * 3600 >= start + DAY}
+    assert len(store.rollups("A1", "leakage", "hour", since=start + DAY)) == len(hours)
     assert sum(r["n"] for r in store.rollups("A1", "friction", "day")) == 60
 
 
@@ -195,26 +195,20 @@ def test_what_is_old_goes_and_the_rest_stays(store: Store) -> None:
         sent = [t.send("alarm", {"n": n}, "webhook", WALL) for n in range(3)]
     store.settle(sent[0], done=True)
     store.settle(sent[1], done=False)
-    gone = store.compact(WALL)
-    assert gone == {"minutes": 4, "hours": 2, "outbox": 1}
-    assert [(p.id, p.body, p.attempts) for p in store.outbox(9, "webhook")] == [
-        (sent[1], {"n": 1}, 1),
-        (sent[2], {"n": 2}, 0),
-    ]
+    assert store.compact(WALL) == {"minutes": 4, "hours": 2, "outbox": 1}
+    left = [(p.id, p.body, p.attempts) for p in store.outbox(9, "webhook")]
+    assert left == [(sent[1], {"n": 1}, 1), (sent[2], {"n": 2}, 0)]
     assert [len(store.rollups("A1", "leakage", level)) for level in ("minute", "hour", "day")] == [2, 4, 6]
     assert len(store.findings()) == len(store.audit()) == 6
-    assert store.compact(WALL, findings=30)["findings"] == 4
-    assert len(store.audit()) == 6
+    assert store.compact(WALL, findings=30)["findings"] == 4 and len(store.audit()) == 6
     assert store.compact(WALL)["minutes"] == 0
 
 
 @pytest.mark.parametrize(
     ("kind", "change"),
     [
-        ("sqlite", "UPDATE audit SET who = 'eve'"),
-        ("sqlite", "UPDATE audit SET note = note"),
-        ("sqlite", "DELETE FROM audit"),
-        ("sqlite", "DELETE FROM audit WHERE id = 1"),
+        *(("sqlite", f"UPDATE audit SET {column}") for column in ("who = 'eve'", "note = note")),
+        *(("sqlite", f"DELETE FROM audit{rows}") for rows in ("", " WHERE id = 1")),
         ("sqlite", "INSERT OR REPLACE INTO audit (id, wall, who, action, note, body) "
                    "VALUES (1, 0, 'eve', '', '', '')"),
         ("sqlite", "REPLACE INTO audit SELECT * FROM audit"),
@@ -252,7 +246,7 @@ def test_readers_and_writers_of_many_threads_do_not_disturb_each_other(store: St
 
 def test_room_on_the_disk_is_given_back_and_a_damaged_checkpoint_refused(tmp_path: Path) -> None:
     path = tmp_path / "fdd.db"
-    store = Store(f"sqlite:///{path}")
+    store = Store(sqlite(path))
     with store.transaction() as t:
         last = t.accept_all([("A1", bytes(8000))] * 500)
     with store.transaction() as t:
@@ -271,9 +265,7 @@ def test_room_on_the_disk_is_given_back_and_a_damaged_checkpoint_refused(tmp_pat
         unpacked(old, hashlib.sha256(old).hexdigest(), where="fdd.db")
 
 
-def test_who_was_taken_over_writes_nothing_and_who_takes_over_waits_for_what_is_being_written(
-    url: str,
-) -> None:
+def test_who_was_taken_over_writes_nothing_and_who_takes_over_waits_for_what_is_written(url: str) -> None:
     old, new = Store(url), Store(url)
     old.claim()
     claiming = threading.Thread(target=new.claim)
@@ -290,3 +282,146 @@ def test_who_was_taken_over_writes_nothing_and_who_takes_over_waits_for_what_is_
     with new.transaction() as t:
         t.axis("A3", wall=WALL)
     assert [a["name"] for a in new.axes()] == ["A1", "A3"]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Of a closed store with some hundred pages."""
+    path = tmp_path / "state" / "fdd.db"
+    path.parent.mkdir()
+    with closing(Store(sqlite(path))) as store:
+        with store.transaction() as t:
+            t.accept_all([("A1", os.urandom(8000)) for _ in range(50)])
+            for _ in range(200):
+                t.found("A1", 1.0, WALL, LEAK)
+            t.audit(WALL, "ann", "LOGIN")
+        store.compact(WALL)
+    return path
+
+
+def one_line(error: BaseException, path: Path) -> None:
+    assert str(error).startswith(str(path)) and len(str(error).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: b"time,position\n0,1\n" * 100,
+        lambda data: b"X" + data[1:],
+        lambda data: data[:4096] + b"\xff" * 4096 + data[8192:],
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:100] + bytes(4096 - 100) + data[4096:],
+    ],
+    ids=["csv", "header", "page", "half", "schema"],
+)
+def test_a_damaged_file_is_named_and_left_as_it_is(damage: Callable[[bytes], bytes], path: Path) -> None:
+    data = damage(path.read_bytes())
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"damaged|malformed|not a database") as caught:
+        Store(sqlite(path))
+    one_line(caught.value, path)
+    assert not isinstance(caught.value, StoreTrouble), "waiting mends nothing"
+    assert path.read_bytes() == data
+
+
+def test_a_locked_store_is_a_trouble_that_passes(path: Path) -> None:
+    store = Store(f"{sqlite(path)}?timeout=0.1")
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    with pytest.raises(StoreTrouble, match="is locked") as caught, store.transaction() as t:
+        t.audit(WALL, "ann", "LOGOUT")
+    one_line(caught.value, path)
+    assert len(store.audit()) == 1, "readers go on"
+    other.execute("ROLLBACK")
+    with closing(Store(sqlite(path))) as first, first.transaction() as t:
+        with pytest.raises(StoreTrouble, match="is locked"), store.transaction():
+            raise AssertionError("what the first one, which only read so far, has read would be old")
+        t.audit(WALL, "ann", "LOGOUT")
+    assert len(store.audit()) == 2
+    store.close()
+    other.execute("PRAGMA locking_mode=EXCLUSIVE")
+    other.execute("BEGIN EXCLUSIVE")
+    with pytest.raises(StoreTrouble, match="is locked"):
+        Store(f"{sqlite(path)}?timeout=0.1")
+    other.close()
+
+
+def test_a_full_disk_is_a_trouble_that_passes_and_a_read_only_store_is_told(path: Path) -> None:
+    store = Store(sqlite(path))
+    before = store.journal("A1")
+    with pytest.raises(StoreTrouble, match="disk is full") as caught, store.transaction() as t:
+        t.accept_all([("A1", b"first")])
+        t._connection.exec_driver_sql("PRAGMA max_page_count=1")
+        t.accept_all([("A1", bytes(8000))] * 100)
+    one_line(caught.value, path)
+    assert store.journal("A1") == before, "nothing of it may be there"
+    store.close()
+    store = Store(sqlite(path))
+    with store.transaction() as t:
+        t.accept_all([("A1", bytes(8000))] * 100)
+    assert len(store.journal("A1")) == len(before) + 100
+    with pytest.raises(InputError, match="readonly database") as refused, store.transaction() as t:
+        t._connection.exec_driver_sql("PRAGMA query_only=ON")
+        t.audit(WALL, "ann", "LOGOUT")
+    one_line(refused.value, path)
+    store.close()
+
+
+@pytest.mark.parametrize("gone", ["fdd.db", ""])
+def test_a_store_that_is_moved_takes_nothing_until_it_is_back(gone: str, path: Path, tmp_path: Path) -> None:
+    def accept(payload: bytes) -> None:
+        with store.transaction() as t:
+            t.accept_all([("A2", payload)])
+
+    with closing(Store(sqlite(path))) as store:
+        accept(b"before")
+        (path.parent / gone).rename(tmp_path / "away")
+        for _ in range(2):
+            with pytest.raises(StoreTrouble, match="file is gone; put it back") as caught:
+                accept(b"meanwhile")
+            one_line(caught.value, path)
+        assert not path.exists(), "no empty one in its place"
+        (tmp_path / "away").rename(path.parent / gone)
+        accept(b"after")
+        copy = tmp_path / "as-after-a-kill"
+        shutil.copytree(path.parent, copy)
+    with closing(Store(sqlite(copy / "fdd.db"))) as killed:
+        assert [payload for _, payload in killed.journal("A2")] == [b"before", b"after"]
+
+
+def test_urls_that_are_no_store_or_lead_to_none_are_told_without_the_password(tmp_path: Path) -> None:
+    for url, line in {
+        "fdd.db": "URL cannot be read; e.g. sqlite:///",
+        "mysql://host/x": "no store of the kind mysql",
+        "sqlite://": "a store in memory keeps nothing",
+        f"sqlite:///{tmp_path}/none/fdd.db": "unable to open",
+        f"sqlite:///{tmp_path}": "unable to open",
+        "postgresql://fdd:secret@127.0.0.1:9/fdd": "127.0.0.1",
+    }.items():
+        with pytest.raises(InputError, match=line) as caught:
+            Store(url)
+        assert len(str(caught.value).splitlines()) == 1 and "secret" not in str(caught.value)
+    try:
+        import psycopg  # noqa: F401
+    except ImportError:
+        assert "install fdd[postgres]" in str(caught.value)
+    else:
+        assert isinstance(caught.value, StoreTrouble)
+
+
+def test_a_database_of_another_program_or_version_is_left_alone(path: Path, tmp_path: Path) -> None:
+    bookmarks = tmp_path / "bookmarks.db"
+    with sqlite3.connect(bookmarks) as other:
+        other.execute("CREATE TABLE bookmark (url TEXT)")
+    with pytest.raises(InputError, match="of another program") as caught:
+        Store(sqlite(bookmarks))
+    one_line(caught.value, bookmarks)
+    with sqlite3.connect(bookmarks) as other:
+        assert other.execute("SELECT name FROM sqlite_master").fetchall() == [("bookmark",)]
+    for version in ("0001", "9999"):
+        with sqlite3.connect(path) as other:
+            other.execute(f"UPDATE fdd_revision SET version_num = '{version}'")
+        wanted = rf"of another version of fdd \(its tables are {version}, here 0002\); use that fdd"
+        with pytest.raises(InputError, match=wanted) as caught:
+            Store(sqlite(path))
+        one_line(caught.value, path)

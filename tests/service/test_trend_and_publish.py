@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stores import LEAK
 from typer.testing import CliRunner, Result
 
 from fdd.cli.app import app
@@ -19,11 +18,11 @@ from fdd.logs.tabular_writing import write_parquet
 from fdd.samples import Samples
 from fdd.service.alarms import AlarmBook
 from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR, profile_key, sentence_of
-from fdd.service.order import Order
 from fdd.service.publishing import sendings
 from fdd.service.store import Rollup, Store
 from fdd.unit import Unit
 from reports.service import free_port
+from tests.service.senders import LEAK, ordered
 
 DAYS, LOOKS = 40, 30
 UNIT = Unit.load("axis_a").model_copy(update={"name": "rig7"})
@@ -89,9 +88,8 @@ def test_what_cannot_be_told_is_one_line(url: str, tmp_path: Path) -> None:
 
 
 def test_the_slope_that_was_put_in_comes_out_by_days(url: str, begin: float, tmp_path: Path) -> None:
-    told = trend(
-        url, "--axis", "A1", "--json", "-", "--report", tmp_path / "trend.html", "-o", tmp_path / "t"
-    )
+    out = ("--report", tmp_path / "trend.html", "-o", tmp_path / "t")
+    told = trend(url, "--axis", "A1", "--json", "-", *out)
     assert told.exit_code == 0, told.output
     life = json.loads(told.stdout)
     assert (life["unit"], life["axis"], life["each"], len(life["logs"])) == ("rig7", "A1", "day", DAYS)
@@ -114,23 +112,20 @@ def test_the_slope_that_was_put_in_comes_out_by_days(url: str, begin: float, tmp
 
 
 def test_a_few_days_are_told_by_the_hour_and_the_page_says_the_same(url: str) -> None:
-    told = trend(url, "--since", "7d", "--json", "-")
-    life = json.loads(told.stdout)
+    life = json.loads(trend(url, "--since", "7d", "--json", "-").stdout)
     assert life["each"] == "hour" and 6 * 24 <= len(life["logs"]) <= 7 * 24
-    store = Store(url)
-    asked = sentence_of(store, "A1", "leakage", "day", 0.0)
-    assert asked == json.loads(trend(url, "--json", "-").stdout)["trends"][0]["sentence"]
-    assert sentence_of(store, "A1", "probability_of_a_fault", "day", 0.0) == ""
-    assert sentence_of(store, "B2", "leakage", "day", 0.0) == ""
-    store.close()
+    with closing(Store(url)) as store:
+        asked = sentence_of(store, "A1", "leakage", "day", 0.0)
+        assert asked == json.loads(trend(url, "--json", "-").stdout)["trends"][0]["sentence"]
+        for axis, quantity in (("A1", "probability_of_a_fault"), ("B2", "leakage")):
+            assert sentence_of(store, axis, quantity, "day", 0.0) == ""
 
 
 ROWS = 103
 """Of a block: the first that last 0.1 s or more. Stamps in 1024ths of a second are exact."""
 WHOLE = 583
-LOG = Samples(
-    np.arange(ROWS * WHOLE) / 1024.0, {"position": np.random.default_rng(1).standard_normal(ROWS * WHOLE)}
-)
+POSITION = np.random.default_rng(1).standard_normal(ROWS * WHOLE)
+LOG = Samples(np.arange(ROWS * WHOLE) / 1024.0, {"position": POSITION})
 
 
 def test_a_plain_line_sends_each_block_when_its_last_row_is_due() -> None:
@@ -152,13 +147,9 @@ def test_a_bad_line_loses_delays_and_swaps_as_asked_and_a_service_puts_it_right(
     times = np.array([w for w, _ in sent])
     held_up = times - np.array([b.samples.time[-1] for _, b in sent]) / 20.0
     # Held up by the jitter, and by the neighbours behind which it comes.
-    assert (
-        (np.diff(times) >= 0.0).all()
-        and held_up.min() >= 0.0
-        and 0.03 < held_up.max() <= 0.05 + 4 * ROWS / 1024.0 / 20.0
-    )
-    order = Order()
-    found = Samples.concatenate([*(order.take([b]) for _, b in sent), order.flush()])
+    assert (np.diff(times) >= 0.0).all() and held_up.min() >= 0.0
+    assert 0.03 < held_up.max() <= 0.05 + 4 * ROWS / 1024.0 / 20.0
+    found, order = ordered(block for _, block in sent)
     came = Samples.concatenate([b.samples for _, b in sorted(sent, key=lambda one: one[1].sequence or 0)])
     assert np.array_equal(found.time, came.time) and np.array_equal(found["position"], came["position"])
     assert order.counts["late"] == 0 and order.counts["reordered"] > 100

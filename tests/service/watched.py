@@ -20,7 +20,6 @@ from fdd.service.blocks import Block
 from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
-from fdd.service.inbox import Inbox
 from fdd.service.store import Store
 from fdd.unit import Unit
 
@@ -43,26 +42,38 @@ def blocks_of(samples: Samples, axis: str = "A1") -> list[Block]:
     ]
 
 
-def made(
-    store: Store, bus: Bus, clock: Any = lambda: RECEIVED + 1e4, targets: Any = None, **more: Any
-) -> Fleet:
+def made(store: Store, clock: Any = lambda: RECEIVED + 1e4, targets: Any = None, **more: Any) -> Fleet:
     """A fleet of shipped axes, with keys of serve.yaml."""
     plain = "schema: fdd.serve/1\nfallback: axis_a\nzone: UTC\nsources: [{type: udp, port: 0}]"
     config = Serve.from_yaml(f"{plain}\nlimits: {{inbox_seconds: 86400}}").model_copy(update=more)
-    return Fleet(config, store, bus, targets, clock=clock)
+    return Fleet(config, store, Bus(), targets, clock=clock)
 
 
-def fleet_of(store: Store, **more: Any) -> tuple[Fleet, Inbox, Bus]:
+def fleet_of(store: Store, **more: Any) -> Fleet:
     """The same, once it has gone on from its store."""
-    fleet = made(store, bus := Bus(), **more)
+    fleet = made(store, **more)
     fleet.resume()
-    return fleet, fleet.inbox, bus
+    return fleet
 
 
-def send(fleet: Fleet, inbox: Inbox, blocks: list[Block]) -> None:
+def send(fleet: Fleet, blocks: list[Block]) -> None:
     """Put blocks in one after the other, and let the fleet work each."""
     for block in blocks:
-        inbox.put(block)
+        fleet.inbox.put(block)
+        fleet.step(0.0)
+
+
+def settle(fleet: Fleet) -> None:
+    """Let it work what it put off, as a busy machine makes it do, and keep what there is."""
+    while fleet.catch_up():
+        pass
+    fleet.keep()
+
+
+def passing(fleet: Fleet, ticking: list[float], *seconds: float) -> None:
+    """Let it step after each of these times."""
+    for each in seconds:
+        ticking[0] += each
         fleet.step(0.0)
 
 
@@ -100,7 +111,7 @@ def main(url: str, log: str, seed: int) -> None:
     """Go on with a log near where the store has it, say which blocks are accepted; A2 is put off at times."""
     with np.load(log) as stored:
         samples = Samples(stored["time"], {n: stored[n] for n in stored.files if n != "time"})
-    fleet, inbox, _ = fleet_of(Store(url))
+    fleet = fleet_of(Store(url))
     rng = random.Random(seed)
     fleet.backlog.is_due = lambda now: True  # type: ignore[method-assign]
     fleet.backlog.turn = lambda now, spare_s, waiting_s, followed: [  # type: ignore[method-assign]
@@ -112,12 +123,10 @@ def main(url: str, log: str, seed: int) -> None:
         if (block.sequence or 0) < begin.get(block.axis, 0):
             continue
         said = lambda of=block: print(of.axis, of.sequence, flush=True)  # noqa: E731
-        send(fleet, inbox, [replace(block, accepted=said)])
+        send(fleet, [replace(block, accepted=said)])
         if rng.random() < 0.02:
             fleet.catch_up()
-    while fleet.catch_up():
-        pass
-    fleet.keep()
+    settle(fleet)
     print("done", flush=True)
 
 

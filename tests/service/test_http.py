@@ -1,13 +1,12 @@
-"""Who may call what, what other sites' pages try, and where the service listens at all."""
+"""The API answers as documented; who may call what, what other sites' pages try, and where it listens."""
 
 from __future__ import annotations
 
 import asyncio
 import hashlib
 import json
-import shutil
+import math
 import ssl
-import subprocess
 import threading
 import time
 import urllib.request
@@ -19,6 +18,8 @@ from pathlib import Path
 import httpx
 import pytest
 from fastapi.sse import ServerSentEvent
+from jsonschema import Draft202012Validator
+from starlette.testclient import TestClient
 
 from fdd.bounds import MAX_REQUEST_BYTES, MOST_LISTENERS
 from fdd.errors import InputError
@@ -27,21 +28,16 @@ from fdd.service.config import Tls
 from fdd.service.http.api import KEPT, Hub
 from fdd.service.http.app import Server
 from fdd.service.http.tokens import Caller, Tokens, new_token
-from tests.service.fake import PAGE, World, bearer, client_of, on_a_port, service_of, three_tokens
+from fdd.service.store import StoreTrouble
+from tests.service.fake import PAGE, World, bearer, client_of, made_up, on_a_port, service_of, three_tokens
+from tests.service.senders import certificate, until
 
+AXIS = "/api/axes/rig%2Faxis-1"
+VIEWS = ("axes", "alarms", "audit", "session", "events")
 ADDRESSES = [
-    ("get", "/api/axes", "view"),
-    ("get", "/api/axes/rig%2Faxis-1", "view"),
-    ("get", "/api/axes/rig%2Faxis-1/trend", "view"),
-    ("get", "/api/alarms", "view"),
-    ("get", "/api/audit", "view"),
-    ("get", "/metrics", "view"),
-    ("get", "/api/session", "view"),
-    ("get", "/api/events", "view"),
-    ("delete", "/api/axes/rig%2Faxis-1", "admin"),
-    ("post", "/api/alarms/1/acknowledge", "acknowledge"),
-    ("post", "/api/alarms/1/shelve", "acknowledge"),
-    ("post", "/api/alarms/1/unshelve", "acknowledge"),
+    *(("get", path, "view") for path in (AXIS, f"{AXIS}/trend", "/metrics", *(f"/api/{v}" for v in VIEWS))),
+    *(("post", f"/api/alarms/1/{act}", "acknowledge") for act in ("acknowledge", "shelve", "unshelve")),
+    ("delete", AXIS, "admin"),
 ]
 ROLES = ("view", "acknowledge", "admin")
 OPEN = {"/api/health", "/api/login", "/api/logout"}
@@ -70,16 +66,12 @@ def server(served: World) -> Iterator[Server]:
         yield made
 
 
-# Who may what
-
-
 def test_each_address_asks_for_its_role(world: World) -> None:
     tokens, text = three_tokens()
     client = client_of(world, tokens=tokens)
     paths = client_of(world).get("/openapi.json").json()["paths"]
-    assert len([m for path in paths.keys() - OPEN for m in paths[path]]) == len(ADDRESSES), (
-        "each is in the list"
-    )
+    asked = [method for path in paths.keys() - OPEN for method in paths[path]]
+    assert len(asked) == len(ADDRESSES), "each is in the list"
     for method, path, needed in ADDRESSES:
         bare = client.request(method, path, headers=PAGE)
         assert bare.status_code == 401 and list(bare.json()) == ["error"], path
@@ -115,9 +107,7 @@ def test_a_token_is_kept_in_a_cookie_that_scripts_and_other_sites_never_get(worl
     assert client.get("/api/axes").status_code == 401
 
 
-def test_the_file_of_tokens_holds_hashes_alone_and_errors_name_its_line(
-    tmp_path: Path,
-) -> None:
+def test_the_file_of_tokens_holds_hashes_alone_and_errors_name_its_line(tmp_path: Path) -> None:
     token, line = new_token("ann", "admin")
     assert token not in line and line.split()[2] == hashlib.sha256(token.encode()).hexdigest()
     (tmp_path / "tokens").write_text(f"# people\n{line}  # till May\n")
@@ -134,9 +124,6 @@ def test_the_file_of_tokens_holds_hashes_alone_and_errors_name_its_line(
     ):
         with pytest.raises(InputError, match=said):
             Tokens.parse(text)
-
-
-# Other sites' pages, and requests that are too large
 
 
 def test_another_sites_page_does_nothing_and_a_rebound_name_is_refused(world: World) -> None:
@@ -175,9 +162,6 @@ def test_a_body_without_end_is_refused(server: Server, served: World) -> None:
     with httpx.Client(trust_env=False) as client:
         found = client.post(f"{server.address}api/alarms/1/acknowledge", content=pieces(), headers=PAGE)
     assert found.status_code == 413 and served.state_of(1) == "UNACK"
-
-
-# On a port
 
 
 class Listener:
@@ -247,23 +231,17 @@ def test_listeners_are_bounded_and_leave_room_when_they_go(server: Server) -> No
     assert sorted(one.status for one in listeners) == [200] * MOST_LISTENERS + [503] * 20
     for one in listeners:
         one.close()
-    until = time.monotonic() + 20
-    while (again := Listener(server)).status != 200:
+
+    def one_more() -> bool:
+        again = Listener(server)
         again.close()
-        assert time.monotonic() < until
-        time.sleep(0.2)
-    again.close()
+        return again.status == 200
+
+    until(one_more, 20.0)
 
 
 def test_tls_by_certificate_and_key(world: World, tmp_path: Path) -> None:
-    if shutil.which("openssl") is None:
-        pytest.skip("needs openssl to make a certificate")
-    cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
-    made = "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 -subj /CN=localhost"
-    subprocess.run(
-        ["openssl", *made.split(), "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", key, "-out", cert],
-        check=True, capture_output=True,
-    )  # fmt: skip
+    cert, key = certificate(tmp_path, "localhost")
     trusted = ssl.create_default_context(cafile=str(cert))
     with on_a_port(world, tls=Tls(cert=cert, key=key)) as server:
         with httpx.Client(verify=trusted, trust_env=False) as client:
@@ -275,3 +253,103 @@ def test_tls_by_certificate_and_key(world: World, tmp_path: Path) -> None:
 def test_what_cannot_be_listened_on_is_told_in_one_line(world: World) -> None:
     with on_a_port(world) as taken, pytest.raises(InputError, match=r"cannot be listened on.*--port"):
         Server(service_of(world, port=int(taken.address.rstrip("/").rpartition(":")[2])))
+
+
+@pytest.fixture
+def full() -> World:
+    """Axes in all states."""
+    return made_up()
+
+
+@pytest.fixture
+def client(full: World) -> TestClient:
+    return client_of(full)
+
+
+def test_answers_are_as_documented_and_not_a_number_is_null(client: TestClient, full: World) -> None:
+    full.details["F7/aileron-R"].misfits.values["volume"][0] = math.nan
+    document = client.get("/openapi.json").json()
+    assert document["openapi"] == "3.1.0" and "422" not in json.dumps(document)
+    for path, asked in (
+        ("/api/axes", "/api/axes"),
+        ("/api/axes/{name}", "/api/axes/F7/aileron-R"),
+        ("/api/axes/{name}", "/api/axes/F7%2Faileron-R"),
+        ("/api/axes/{name}/trend", "/api/axes/F7%2Faileron-R/trend?quantity=leakage&level=day"),
+        ("/api/alarms", "/api/alarms"),
+        ("/api/alarms", "/api/alarms?state=all"),
+        *((each, each) for each in ("/api/audit", "/api/health", "/api/session")),
+    ):
+        found = client.get(asked)
+        assert found.status_code == 200 and found.json() not in ({}, []), asked
+        content = document["paths"][path]["get"]["responses"]["200"]["content"]["application/json"]
+        schema = {**content["schema"], "components": document["components"]}
+        Draft202012Validator(schema).validate(found.json())
+    assert client.get("/api/axes/F7/aileron-R").json()["misfits"]["values"]["volume"][0] is None
+
+
+def test_alarms_are_given_by_state(client: TestClient) -> None:
+    def states(query: str) -> list[str]:
+        return [a["state"] for a in client.get(f"/api/alarms{query}").json()["alarms"]]
+
+    assert states("") == states("?state=all") == ["UNACK", "UNACK", "ACKED", "SHELVED"]
+    assert client.post("/api/alarms/1/unshelve", headers=PAGE).status_code == 200
+    assert states("?state=UNACK,SHELVED") == ["UNACK"] * 3 and states("?limit=1") == ["UNACK"]
+
+
+def test_acts_reach_the_fleet_with_who_and_note(client: TestClient, full: World) -> None:
+    id = full.raise_alarm("F3/rudder", "low", fault="coupling_wear", family="motor")
+    done = client.post(f"/api/alarms/{id}/acknowledge", json={"note": "seen"}, headers=PAGE)
+    assert done.status_code == 200
+    assert (done.json()["state"], done.json()["acked_by"], done.json()["note"]) == ("ACKED", "local", "seen")
+    again = client.post(f"/api/alarms/{id}/acknowledge", json={}, headers=PAGE)
+    assert again.status_code == 409 and "ACKED" in again.json()["error"]
+    shelved = client.post(f"/api/alarms/{id}/shelve", json={"minutes": 30, "note": "w"}, headers=PAGE)
+    assert shelved.json()["state"] == "SHELVED"
+    assert math.isclose(shelved.json()["shelved_until"], time.time() + 1800, abs_tol=5)
+    assert client.post(f"/api/alarms/{id}/unshelve", headers=PAGE).json()["state"] == "UNACK"
+    actions = [r["action"] for r in client.get(f"/api/audit?alarm={id}").json()["records"]]
+    assert actions == ["UNSHELVED", "SHELVED", "ACKNOWLEDGED", "RAISED"]
+
+
+def test_a_body_that_is_not_as_documented_is_refused_in_one_line(client: TestClient, full: World) -> None:
+    bodies = [("acknowledge", body) for body in (b"[1]", b"{", b'{"note": 3}', b"\xff",
+              b'{"note": "x", "who": "boss"}', json.dumps({"note": "n" * 1001}).encode())]  # fmt: skip
+    minutes = (b"0", b"-5", b"10081", b'"1"', b"null", b"Infinity")
+    for act, body in (*bodies, ("shelve", b""), *(("shelve", b'{"minutes": %s}' % m) for m in minutes)):
+        refused = client.post(f"/api/alarms/4/{act}", content=body, headers=PAGE)
+        assert refused.status_code == 400, body
+        assert list(refused.json()) == ["error"] and "\n" not in refused.json()["error"]
+    assert full.state_of(4) == "UNACK"
+
+
+def test_troubles_are_told_and_tell_nothing_of_the_inside(
+    client: TestClient, full: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full.trouble = StoreTrouble("the store is locked", where="fdd.db")
+    refused = client.post("/api/alarms/4/acknowledge", headers=PAGE)
+    assert refused.status_code == 503 and "the store is locked" in refused.json()["error"]
+    full.trouble = None
+    assert client.post("/api/alarms/4/acknowledge", headers=PAGE).status_code == 200, "it passes"
+
+    def damaged(*args: object, **more: object) -> list[dict]:
+        raise InputError("the store is damaged", where="fdd.db", mend="put a backup in its place")
+
+    monkeypatch.setattr(full.store, "alarms", damaged)
+    found, told = client.get("/api/alarms"), "fdd.db: the store is damaged; put a backup in its place"
+    assert (found.status_code, found.json()) == (500, {"error": told})
+    monkeypatch.setattr(full, "axes", lambda: 1 / 0)
+    found = client.get("/api/axes")
+    assert (found.status_code, found.json()) == (500, {"error": "internal error"})
+    assert found.headers["x-content-type-options"] == "nosniff"
+
+
+def test_wrong_questions_are_answered_in_one_line(client: TestClient) -> None:
+    axes, trend = "/api/axes/nobody", "/api/axes/F7%2Frudder/trend?"
+    missing = (axes, f"{axes}/trend", "/api/nothing", "/page/none.js", "/page/../app.py")
+    wrong = [f"{trend}{asked}" for asked in ("level=second", "since=x", "since=nan", "quantity=a'%20or%201")]
+    wrong += ["/api/alarms?limit=-1", "/api/alarms?state=whatever"]
+    for path, status in (dict.fromkeys(missing, 404) | dict.fromkeys(wrong, 400)).items():
+        found = client.get(path)
+        assert found.status_code == status and list(found.json()) == ["error"], path
+    for id in ("77", "0", str(1 << 70), "x"):
+        assert client.post(f"/api/alarms/{id}/acknowledge", headers=PAGE).status_code in (400, 404)
