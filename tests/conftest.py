@@ -15,6 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from fdd.diagnosis.model import AlarmTail, Calibration, Model
 from fdd.logs import ChannelMap
 
+ROOT = Path(__file__).resolve().parents[1]
 # The same examples on every run, and no deadlines: the first call of a compiled function takes seconds.
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
 settings.load_profile("repeatable")
@@ -30,12 +31,26 @@ def tiny_model() -> Model:
     )
 
 
+def recordings(below: str) -> Path:
+    """A folder of FDD_SHARED, or of ../shared beside the repository; skips where it is absent."""
+    folder = Path(os.environ.get("FDD_SHARED", ROOT.parent / "shared")) / below
+    if not folder.is_dir():
+        pytest.skip(f"no recordings at {folder}; set FDD_SHARED to the folder that holds {below}")
+    return folder
+
+
 @pytest.fixture(scope="session")
-def bench_map() -> ChannelMap:
-    """The real bench's map as `fdd map` proposes it; tests with it skip where the recordings are absent."""
-    root = Path(__file__).resolve().parents[1]
-    recordings = Path(os.environ.get("FDD_SHARED", root.parent / "shared")) / "real" / "eha_bench"
-    if not recordings.is_dir():
-        pytest.skip("the recordings of the real bench (shared/real/eha_bench) are not here")
-    found: ChannelMap = runpy.run_path(str(root / "examples" / "bench_runs.py"))["bench_map"](recordings)
+def rig_logs() -> Path:
+    return recordings("rig_logs")
+
+
+@pytest.fixture(scope="session")
+def bench() -> Path:
+    return recordings("real/eha_bench")
+
+
+@pytest.fixture(scope="session")
+def bench_map(bench: Path) -> ChannelMap:
+    """The real bench's map as `fdd map` proposes it."""
+    found: ChannelMap = runpy.run_path(str(ROOT / "examples" / "bench_runs.py"))["bench_map"](bench)
     return found

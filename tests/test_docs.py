@@ -141,9 +141,8 @@ def test_the_site_loads_nothing_from_the_network(site: Path) -> None:
     for page in pages:
         loaded = Loaded()
         loaded.feed(page.read_text("utf-8"))
-        assert loaded.addresses and "mermaid" not in page.read_text(
-            "utf-8"
-        )  # the theme would fetch its script
+        assert loaded.addresses
+        assert "mermaid" not in page.read_text("utf-8"), "the theme would fetch its script"
         assert not [a for a in loaded.addresses if re.match(r"(https?:)?//", a)], page
     for sheet in site.rglob("*.css"):
         assert not re.search(r"(url\(|@import)\s*[\"']?(https?:)?//", sheet.read_text("utf-8")), sheet
@@ -178,8 +177,7 @@ def test_every_fault_door_command_and_equation_is_on_its_page(site: Path) -> Non
         assert "$`" not in built and "```" not in built
 
 
-DOC = Path(__file__).parents[1] / "docs" / "extending.md"
-BLOCKS = re.findall(r"```python\n(.*?)```", DOC.read_text("utf-8"), flags=re.DOTALL)
+BLOCKS = re.findall(r"```python\n(.*?)```", (DOCS / "extending.md").read_text("utf-8"), flags=re.DOTALL)
 
 
 @pytest.fixture

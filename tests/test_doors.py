@@ -8,6 +8,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+import tomllib
 from importlib import import_module
 from pathlib import Path
 
@@ -58,8 +59,6 @@ def test_type_checkers_see_the_doors_where_they_are() -> None:
 
 
 def test_the_wheel_takes_the_marker_along() -> None:
-    import tomllib
-
     data = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]["package-data"]
     for package in ("fdd", "estimators"):
         assert "py.typed" in data[package] and (ROOT / package / "py.typed").is_file()
@@ -97,8 +96,7 @@ def test_the_citation_is_of_this_version() -> None:
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     assert cited["cff-version"] == "1.2.0" and cited["version"] == fdd.__version__
     assert cited["authors"] == [{"name": "The fdd developers"}]
-    sources = "".join(
-        p.read_text("utf-8") for room in ("fdd", "estimators") for p in (ROOT / room).rglob("*.py")
-    )
+    modules = [p for room in ("fdd", "estimators") for p in (ROOT / room).rglob("*.py")]
+    sources = "".join(p.read_text("utf-8") for p in modules)
     for reference in cited["references"]:
         assert reference["doi"] in sources, "no code names this source"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from fdd.errors import InputError
 from fdd.samples import CHANNELS, Samples, missing_required
+from tests.refusal import refused
 
 # The contract's channels, in its order.
 PROMISED = [
@@ -26,10 +28,8 @@ def samples(draw: st.DrawFn, least: int = 0, most: int = 60) -> Samples:
     n = draw(st.integers(least, most))
     steps = draw(hnp.arrays(np.float64, n, elements=st.floats(1e-4, 1.0)))
     names = draw(st.lists(st.sampled_from(MEASURED), unique=True, max_size=4))
-    values = st.floats(-1e9, 1e9) | st.just(np.nan)
-    return Samples(
-        np.cumsum(steps), {name: draw(hnp.arrays(np.float64, n, elements=values)) for name in names}
-    )
+    column = hnp.arrays(np.float64, n, elements=st.floats(-1e9, 1e9) | st.just(np.nan))
+    return Samples(np.cumsum(steps), {name: draw(column) for name in names})
 
 
 def same(a: Samples, b: Samples) -> None:
@@ -63,9 +63,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("time", "columns", "line"), REFUSED)
 def test_refused_with_channel_row_and_reason(time: list, columns: dict, line: str) -> None:
-    with pytest.raises(InputError, match=line) as caught:
-        Samples(time, columns)
-    assert len(str(caught.value).splitlines()) == 1
+    assert re.search(line, refused(lambda: Samples(time, columns)))
 
 
 def test_whole_numbers_and_missing_values_are_taken() -> None:
@@ -88,9 +86,8 @@ def test_rows_are_the_slices_and_views(s: Samples, a: int, b: int) -> None:
     np.testing.assert_array_equal(part.time, s.time[a:b])
     for name in s.channels:
         np.testing.assert_array_equal(part[name], s[name][a:b])
-        assert not part[name].size or np.shares_memory(part[name], s[name]), (
-            "a copy of every block would double the memory of a log"
-        )
+        # A copy of every block would double the memory of a log.
+        assert not part[name].size or np.shares_memory(part[name], s[name])
 
 
 @given(samples(), st.integers(1, 70))
@@ -104,16 +101,15 @@ def test_blocks_partition_the_log(s: Samples, size: int) -> None:
 
 
 def test_a_channel_that_a_block_lacks_is_missing_there() -> None:
-    joined = Samples.concatenate(
-        [Samples([0.0, 1.0], {"position": [1.0, 2.0]}), Samples([2.0], {"command": [5.0]})]
-    )
+    blocks = [Samples([0.0, 1.0], {"position": [1.0, 2.0]}), Samples([2.0], {"command": [5.0]})]
+    joined = Samples.concatenate(blocks)
     np.testing.assert_array_equal(joined["position"], [1.0, 2.0, np.nan])
     np.testing.assert_array_equal(joined["command"], [np.nan, np.nan, 5.0])
 
 
 def test_blocks_out_of_order_are_refused() -> None:
-    with pytest.raises(InputError, match=r"channel time, row 1: 0\.000000 s after 1\.000000 s"):
-        Samples.concatenate([Samples([1.0], {}), Samples([0.0], {})])
+    line = refused(lambda: Samples.concatenate([Samples([1.0], {}), Samples([0.0], {})]))
+    assert "channel time, row 1: 0.000000 s after 1.000000 s" in line
 
 
 @given(samples(least=1))
@@ -129,8 +125,10 @@ def test_with_columns_leaves_the_original_alone(s: Samples) -> None:
 
 @given(st.sets(st.sampled_from(sorted(CHANNELS))))
 def test_a_diagnosis_wants_position_pump_and_pressure(channels: set[str]) -> None:
-    pressures = {"pressure_difference"} <= channels or {"pressure_1", "pressure_2"} <= channels
-    wanted = {"position": "position" in channels, "pump_angle": bool(channels & {"pump_angle", "pump_speed"})}
-    wanted["pressure_difference"] = pressures
+    there = {
+        "position": "position" in channels,
+        "pump_angle": bool(channels & {"pump_angle", "pump_speed"}),
+        "pressure_difference": "pressure_difference" in channels or {"pressure_1", "pressure_2"} <= channels,
+    }
     absent = [name.split(" ")[0] for name in missing_required(channels)]
-    assert absent == [name for name, there in wanted.items() if not there]
+    assert absent == [name for name in there if not there[name]]

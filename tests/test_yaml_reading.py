@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +15,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fdd.campaign.recipe import Recipe
-from fdd.errors import InputError
 from fdd.logs import ChannelMap
 from fdd.unit import Unit
 from fdd.yaml_reading import yaml_mapping, yaml_text
+from tests.refusal import refused
 
 LOADERS: dict[str, Callable[[Path], Any]] = {
     "unit profile": Unit.load, "recipe": Recipe.load, "channel map": ChannelMap.load,
 }  # fmt: skip
-NOT_YAML = ["a: [", "2020-99-99", "a: 2020-99-99", "a: \x00", "a: 1\nb: 2\nc: d: e\n"]
+NOT_YAML = ["a: [", "\x00", "2020-99-99", "a: 2020-99-99", "a: \x00", "a: 1\nb: 2\nc: d: e\n"]
 
 
 @pytest.mark.parametrize("kind", LOADERS)
@@ -29,17 +31,13 @@ NOT_YAML = ["a: [", "2020-99-99", "a: 2020-99-99", "a: \x00", "a: 1\nb: 2\nc: d:
 def test_what_is_not_yaml_is_one_line(kind: str, text: str, tmp_path: Path) -> None:
     path = tmp_path / "file.yaml"
     path.write_text(text)
-    with pytest.raises(InputError, match="not valid YAML") as caught:
-        LOADERS[kind](path)
-    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
-    assert "line 3: not valid YAML" in str(caught.value) or "d: e" not in text
+    line = refused(lambda: LOADERS[kind](path))
+    assert line.startswith(f"{path}: ") and "not valid YAML" in line
+    assert "line 3: not valid YAML" in line or "d: e" not in text
 
 
-NESTED_ALIASES = "\n".join(
-    [
-        f"a0: &a0 [{', '.join(['x'] * 9)}]",
-        *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)),
-    ]
+NESTED_ALIASES = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "\n".join(
+    f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)
 )
 NOT_PLAIN = {
     "nested aliases": (NESTED_ALIASES, "line 2: not plain YAML (alias *a0"),
@@ -64,35 +62,30 @@ def test_what_would_expand_or_hide_is_refused_at_once(case: str) -> None:
     """Each of these hangs, fills the memory or loses a value where YAML is read as it stands."""
     text, message = NOT_PLAIN[case]
     started = time.perf_counter()
-    with pytest.raises(InputError) as caught:
-        yaml_mapping(text, "file.yaml", "recipe")
-    assert str(caught.value).startswith("file.yaml: ") and message in str(caught.value)
+    line = refused(lambda: yaml_mapping(text, "file.yaml", "recipe"))
+    assert line.startswith("file.yaml: ") and message in line
     assert time.perf_counter() - started < 5.0
 
 
 def test_a_log_cannot_smuggle_a_profile_of_aliases() -> None:
-    with pytest.raises(InputError, match="alias"):
-        Unit.from_yaml("schema: fdd.unit/1\n" + NESTED_ALIASES, "run.mcap")
+    assert "alias" in refused(lambda: Unit.from_yaml("schema: fdd.unit/1\n" + NESTED_ALIASES, "run.mcap"))
 
 
 @pytest.mark.parametrize("kind", LOADERS)
-@pytest.mark.parametrize("text", ["", "- a", "3", "null"])
+@pytest.mark.parametrize("text", ["", "- a", "[1, 2]", "3", "null"])
 def test_what_is_no_mapping_is_told_as_what_it_should_be(kind: str, text: str, tmp_path: Path) -> None:
     path = tmp_path / "file.yaml"
     path.write_text(text)
-    with pytest.raises(InputError, match=f"not a {kind}"):
-        LOADERS[kind](path)
+    assert f"not a {kind}" in refused(lambda: LOADERS[kind](path))
 
 
 @pytest.mark.parametrize("kind", LOADERS)
 def test_missing_and_large_files_are_refused(kind: str, tmp_path: Path) -> None:
     for path in (tmp_path / "none.yaml", tmp_path):
-        with pytest.raises(InputError, match=f"no such {kind}"):
-            LOADERS[kind](path)
+        assert f"no such {kind}" in refused(partial(LOADERS[kind], path))
     large = tmp_path / "large.yaml"
     large.write_bytes(b"#" * 3_000_000)
-    with pytest.raises(InputError, match=f"larger than .* bytes, not a {kind}"):
-        LOADERS[kind](large)
+    assert re.search(f"larger than .* bytes, not a {kind}", refused(lambda: LOADERS[kind](large)))
 
 
 def test_a_byte_order_mark_is_no_part_of_the_text_and_a_file_that_cannot_be_read_is_one_line(
@@ -105,8 +98,8 @@ def test_a_byte_order_mark_is_no_part_of_the_text_and_a_file_that_cannot_be_read
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "read_text", denied)
-    with pytest.raises(InputError, match=r"a\.yaml: cannot be read \(Permission denied\)"):
-        yaml_text(tmp_path / "a.yaml", "recipe", 100, "give a YAML file")
+    line = refused(lambda: yaml_text(tmp_path / "a.yaml", "recipe", 100, "give a YAML file"))
+    assert "a.yaml: cannot be read (Permission denied)" in line
 
 
 PLAIN = st.recursive(

@@ -83,22 +83,13 @@ def test_runs_of_a_unit_have_their_own_temperature_charge_zeros_and_wander() -> 
         zeros.append(unit.sensors["pressure_1"].zero - rig.unit.sensors["pressure_1"].zero)
         wanders.append(scenario.friction_wander)
         assert unit.sensors["position"].zero == rig.unit.sensors["position"].zero
-        assert scenario.charge_factor == pytest.approx(
-            charge_factor(rig.unit, 1.05, scenario.oil_temperature), rel=0.45
-        )
-    assert np.mean(temperatures) == pytest.approx(40.0, abs=2.2) and np.std(temperatures) == pytest.approx(
-        7.3, abs=1.2
-    )
+        usual = charge_factor(rig.unit, 1.05, scenario.oil_temperature)
+        assert scenario.charge_factor == pytest.approx(usual, rel=0.45)
+    assert np.mean(temperatures) == pytest.approx(40.0, abs=2.2)
+    assert np.std(temperatures) == pytest.approx(7.3, abs=1.2)
     assert min(temperatures) >= 25.0 and max(temperatures) <= 55.0
     assert np.std(zeros) == pytest.approx(0.25 * 8e3, rel=0.2)
     assert WANDER[0] <= min(wanders) < 0.015 and 0.035 < max(wanders) <= WANDER[1]
-
-
-def friction(scenario: Scenario, start: int, stop: int, axis: int = 1) -> np.ndarray:
-    time, none = np.arange(start, stop) * 1e-3, np.zeros(stop - start)
-    rows = axis_conditions(Unit.load("axis_a"), scenario, time, none, none, axis=axis).rows
-    assert np.array_equal(rows[:, c.FRICTION_FORWARD], rows[:, c.FRICTION_REVERSE])
-    return rows[:, c.FRICTION_FORWARD]
 
 
 def test_friction_wanders_with_the_std_and_time_that_are_asked_for() -> None:
@@ -106,6 +97,7 @@ def test_friction_wanders_with_the_std_and_time_that_are_asked_for() -> None:
     every = np.arange(0.0, 3600.0, 1.0)
     none = np.zeros(every.size)
     rows = axis_conditions(Unit.load("axis_a"), scenario, every, none, none).rows
+    assert np.array_equal(rows[:, c.FRICTION_FORWARD], rows[:, c.FRICTION_REVERSE])
     wander = (rows[:, c.FRICTION_FORWARD] - 1.0) / 0.03
     # 90 independent stretches of twice the process's time.
     assert abs(wander.mean()) < 0.4 and wander.std() == pytest.approx(1.0, abs=0.25)
@@ -145,11 +137,7 @@ def drawn(seed: int, units: int, freedom: float) -> tuple[list[UnitLogs], np.nda
 
 
 def test_spreads_are_those_that_logs_were_drawn_with() -> None:
-    """Test: 80 units of nine logs, Student's t of five degrees of freedom.
-
-    Expected: each std within 25 %, six times what 720 logs leave, the units' mean within four of its own,
-    and the degrees of freedom between three and nine.
-    """
+    """80 units of nine logs, Student's t of five degrees of freedom."""
     units, mean, spread, q = drawn(1, 80, 5.0)
     found = learnt_spread(NAME, units, first_effects(NAME))
     usual = np.array(usual_conditions(first_effects(NAME).noise))
@@ -161,7 +149,7 @@ def test_spreads_are_those_that_logs_were_drawn_with() -> None:
 
 
 def test_what_belongs_to_the_load_is_marginalised() -> None:
-    """Test: the force balance's normal equations. Expected: those of the joint normal density's marginal."""
+    """The force balance's normal equations are those of the joint normal density's marginal."""
     rng, first = np.random.default_rng(4), first_effects("force")
     own = BALANCES["force"].own
     n = own.size

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import json
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
 from typer.testing import CliRunner, Result
 
 from fdd.cli.app import app
@@ -46,6 +49,21 @@ def tiny_model_file(tiny_model: Model, tmp_path_factory: pytest.TempPathFactory)
     path = tmp_path_factory.mktemp("model") / "model.json"
     tiny_model.save(path)
     return path
+
+
+@pytest.fixture(scope="session")
+def validator(run):
+    """Another library's validator of a published schema, by the kind of file."""
+
+    @functools.cache
+    def of(kind: str) -> Draft202012Validator:
+        result = run("schema", kind)
+        assert result.exit_code == 0, result.stderr
+        schema = json.loads(result.stdout)
+        Draft202012Validator.check_schema(schema)
+        return Draft202012Validator(schema)
+
+    return of
 
 
 @pytest.fixture(scope="session")

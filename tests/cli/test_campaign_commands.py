@@ -60,9 +60,8 @@ def test_units_logs_and_twins_replace_those_of_the_recipe(run, one_line, tmp_pat
 def test_a_base_whose_accumulator_has_no_size(run, one_line, tmp_path: Path, volume: int | None) -> None:
     """As one would write a partner down: its gas volume left out, or 0."""
     plain = yaml.safe_load(Unit.load("axis_b").to_yaml())
-    plain["accumulator"]["gas_volume"] = volume
-    if volume is None:
-        del plain["accumulator"]["gas_volume"]
+    del plain["accumulator"]["gas_volume"]
+    plain["accumulator"] |= {} if volume is None else {"gas_volume": volume}
     base, recipe = tmp_path / "partner.yaml", tmp_path / "recipe.yaml"
     base.write_text(yaml.safe_dump(plain), encoding="utf-8")
     recipe.write_text(f"{RECIPE}bases: [{base}]\n", encoding="utf-8")

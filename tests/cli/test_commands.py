@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from fdd.cli.diagnose import output_paths
 from fdd.diagnosis.findings import Diagnosis
-from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.logs.formats import open_log
+from tests.refusal import refused
 
 KEYS = [
     "schema", "log", "axis", "unit", "duration_s", "samples", "verdict", "faults", "probabilities",
@@ -77,14 +78,13 @@ def test_people_are_told_verdict_evidence_and_estimates(run, logs, tiny_model_fi
     assert "To confirm it: Block the rod" in text
     assert re.search(r"Would have been invisible here: .+ below severity", text)
     assert re.search(r"Leakage coefficient 6\.5\d+ 1\d\.\d+ ± 0\.\d+ \+1\d\d % 1e-12 m³/\(s·Pa\)", text)
-    assert "22 rows are missing" in text or "rows are missing" in text
+    assert "rows are missing" in text
 
 
 def test_report_and_annotated_mcap(run, logs, tiny_model_file, tmp_path: Path) -> None:
     report, annotated = tmp_path / "r.html", tmp_path / "a.mcap"
-    result = run(
-        "diagnose", logs["leaking"], "--model", tiny_model_file, "--report", report, "--mcap", annotated
-    )
+    outputs = ("--report", report, "--mcap", annotated)
+    result = run("diagnose", logs["leaking"], "--model", tiny_model_file, *outputs)
     assert result.exit_code == 0, result.stderr
     page = report.read_text(encoding="utf-8")
     assert "Internal leakage" in page and "Would have been invisible" in page
@@ -98,17 +98,13 @@ def test_report_and_annotated_mcap(run, logs, tiny_model_file, tmp_path: Path) -
 
 
 def test_outputs_for_several_logs(tmp_path: Path) -> None:
+    paths = partial(output_paths, suffix=".html", option="--report")
     logs = [Path("x/a.mcap"), Path("b.csv")]
-    assert output_paths(str(tmp_path), logs, ".html", "--report") == [
-        tmp_path / "a.html",
-        tmp_path / "b.html",
-    ]
-    assert output_paths("r-{log}.html", logs, ".html", "--report") == [Path("r-a.html"), Path("r-b.html")]
-    assert output_paths("one.html", logs[:1], ".html", "--report") == [Path("one.html")]
-    assert output_paths(None, logs, ".html", "--report") == [None, None]
+    assert paths(str(tmp_path), logs) == [tmp_path / "a.html", tmp_path / "b.html"]
+    assert paths("r-{log}.html", logs) == [Path("r-a.html"), Path("r-b.html")]
+    assert paths("one.html", logs[:1]) == [Path("one.html")] and paths(None, logs) == [None, None]
     for pattern, many in (("one.html", logs), ("{log}.html", [Path("a.csv"), Path("a.mcap")])):
-        with pytest.raises(InputError):
-            output_paths(pattern, many, ".html", "--report")
+        refused(partial(paths, pattern, many))
 
 
 def test_the_logs_profile_is_used_unless_one_is_given(run, logs, tiny_model_file, tmp_path: Path) -> None:
@@ -124,16 +120,13 @@ def test_the_logs_profile_is_used_unless_one_is_given(run, logs, tiny_model_file
 
 
 def test_the_prior_moves_what_is_answered(run, logs, tmp_path: Path) -> None:
-    """Test: a healthy log where faults are taken for common, and for rare. Expected: the answer tells the
-    prior, and the odds move by its odds."""
-    found = {}
+    odds = {}
     for prior in (0.5, 0.1):
         path = tmp_path / f"{prior}.json"
         assert run("diagnose", logs["healthy"], "--prior", prior, "--json", path).exit_code == 0
-        found[prior] = json.loads(path.read_text())
-        assert found[prior]["prior"] == prior
-    healthy = {k: a["probabilities"]["healthy"] for k, a in found.items()}
-    odds = {k: (1.0 - p) / p for k, p in healthy.items()}
+        found = json.loads(path.read_text())
+        assert found["prior"] == prior
+        odds[prior] = (1.0 - found["probabilities"]["healthy"]) / found["probabilities"]["healthy"]
     # Up to what a log could have shown, which goes by the score that is asked of it.
     assert odds[0.5] / 15.0 < odds[0.1] < odds[0.5] / 5.0
     assert run("diagnose", logs["healthy"], "--prior", 1.5).exit_code == 2

@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from mcap.writer import Writer
 
+import fdd.logs
 from fdd.cli.diagnose import status_of
 from fdd.cli.which_logs import file_names, find_logs, names_of
 from fdd.diagnosis.findings import Diagnosis
@@ -52,9 +53,7 @@ def one_folder(folder: Path, run, tiny_model_file) -> Path:
     out = folder.parent / "out"
     result = run("diagnose", folder, "-o", out, "--model", tiny_model_file, "--workers", 1)
     assert result.exit_code == 2 and "3 of 4 logs diagnosed, 1 could not be read" in result.stdout
-    assert result.stderr.splitlines() == [
-        line for line in result.stderr.splitlines() if line.startswith("fdd: error: ") and "bad.csv" in line
-    ]
+    assert all(x.startswith("fdd: error: ") and "bad.csv" in x for x in result.stderr.splitlines())
     return out
 
 
@@ -179,13 +178,9 @@ def test_a_single_bad_log_writes_nothing_and_a_folder_of_something_else_is_left_
 def test_resume_works_only_what_is_new(
     run, one_folder: Path, folder: Path, tiny_model_file, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import fdd.logs
-
     folder = shutil.copytree(folder, tmp_path / "runs")
     one_folder = shutil.copytree(one_folder, tmp_path / "out")
-
-    read = fdd.logs.read_log
-    worked: list[str] = []
+    read, worked = fdd.logs.read_log, []
 
     def counted(path: Path, *rest: object) -> object:
         worked.append(Path(path).relative_to(folder).as_posix())
@@ -231,8 +226,6 @@ def test_exit_codes(run, logs, one_folder: Path, tiny_model_file, tmp_path: Path
 
 
 def test_an_error_of_our_own_ends_one_log_only(run, logs, tiny_model_file, monkeypatch) -> None:
-    import fdd.logs
-
     read = fdd.logs.read_log
 
     def broken(path: Path, *rest: object) -> object:
@@ -255,10 +248,8 @@ def test_what_was_finished_survives_an_interrupt(logs, tiny_model_file, tmp_path
     for k in range(60):
         shutil.copy(logs["healthy"], runs / f"{k:02d}.mcap")
     command = [*MAIN, "diagnose", runs, "-o", out, "--model", tiny_model_file, "--workers", "2"]
-    process = subprocess.Popen(
-        [str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )  # fmt: skip
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(command, **pipes, text=True, start_new_session=True)
     until = time.monotonic() + 120.0
     while len(list((out / "reports").glob("*.html"))) < 3 and time.monotonic() < until:
         time.sleep(0.05)

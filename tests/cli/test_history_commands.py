@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 from rich.console import Console
 
 from fdd.cli.tables import print_sheet
-from fdd.logs.mcap_writing import RunBlock, write_blocks
+from fdd.logs.mcap_writing import write_run
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.report.page import Sheet, Table
@@ -40,15 +40,10 @@ def life(tmp_path_factory: pytest.TempPathFactory) -> Path:
             duration=20, duty=DUTIES[k % 3], load=LOADS[k // 4], oil_temperature=float(rng.uniform(20, 60)),
             seed=100 + k, faults=[leak] if k else [], fault_scales={"internal_leakage_orifice_share": 0.0},
         )  # fmt: skip
-        write_blocks(
-            folder / f"run{7 * k % 12:02d}.mcap",
-            [RunBlock(simulate(UNIT, scenario).samples, None, "axis_a")],
-            axes=["axis_a"],
-            units={"axis_a": UNIT.to_yaml()},
-            scenario_json="{}",
-            labels={},
-            start_ns=1_767_225_600_000_000_000 + k * EVERY_DAYS * 86_400_000_000_000,
-        )
+        start = 1_767_225_600_000_000_000 + k * EVERY_DAYS * 86_400_000_000_000
+        path, samples = folder / f"run{7 * k % 12:02d}.mcap", simulate(UNIT, scenario).samples
+        about = {"unit_yaml": UNIT.to_yaml(), "scenario_json": "{}", "labels": {}, "start_ns": start}
+        write_run(path, samples, axis="axis_a", **about)
     return folder
 
 
@@ -66,20 +61,17 @@ def told(run, answers: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[
     return run("trend", answers, "-o", out), out
 
 
-def valid(run, kind: str, answer: dict[str, Any]) -> None:
-    schema = json.loads(run("schema", kind).stdout)
-    Draft202012Validator.check_schema(schema)
-    of = Draft202012Validator(schema)
+def valid(of: Draft202012Validator, answer: dict[str, Any]) -> None:
     assert [e.message for e in of.iter_errors(answer)] == []
     for key in answer:
         assert not of.is_valid({k: v for k, v in answer.items() if k != key}), key
 
 
-def test_a_leakage_that_grows_over_twelve_logs(run, told) -> None:
+def test_a_leakage_that_grows_over_twelve_logs(told, validator) -> None:
     result, out = told
     assert result.exit_code == 0, result.stderr
     answer = json.loads((out / "trend.json").read_text("utf-8"))
-    valid(run, "trend", answer)
+    valid(validator("trend"), answer)
     assert result.stdout.splitlines()[0] == answer["headline"]
     leakage, *others = answer["trends"]
     low, high = leakage["slope_interval"]
@@ -135,13 +127,13 @@ def test_logs_say_the_same_as_their_answers_and_one_that_cannot_be_read_is_told(
     assert answer["trends"] == same["trends"] and answer["logs"][:-1] == same["logs"]
 
 
-def test_two_logs_compared(run, life: Path, tmp_path: Path) -> None:
+def test_two_logs_compared(run, validator, life: Path, tmp_path: Path) -> None:
     a, b, report = life / "run00.mcap", life / "run05.mcap", tmp_path / "compare.html"
     out = tmp_path / "compare.json"
     result = run("compare", a, b, "--json", out, "--report", report)
     assert result.exit_code == 0, result.stderr
     answer = json.loads(out.read_text("utf-8"))
-    valid(run, "comparison", answer)
+    valid(validator("comparison"), answer)
     assert result.stdout.splitlines()[0] == answer["headline"]
     assert answer["headline"].startswith("leakage coefficient rose by")
     for word in ("chambers' oil", "pump speed", "Spectral lines", "axis_a was not identified"):

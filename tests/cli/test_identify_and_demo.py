@@ -125,9 +125,8 @@ def test_a_log_without_command_is_refused_in_one_line(run, one_line, healthy_str
     log = read_log(healthy_strokes).samples
     columns = {c: log[c] for c in ("position", "pump_angle", "pressure_difference")}
     pd.DataFrame({"time": log.time, **columns}).to_csv(tmp_path / "bare.csv", index=False)
-    one_line(
-        run("experiment", "frequency-response", tmp_path / "bare.csv", "--input", "command"), "no command"
-    )
+    command = ("experiment", "frequency-response", tmp_path / "bare.csv", "--input", "command")
+    one_line(run(*command), "no command")
 
 
 def test_the_shipped_demo_is_of_this_version_and_small() -> None:

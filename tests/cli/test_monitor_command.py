@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from fdd.cli.monitor import status_line
@@ -28,9 +29,8 @@ def events(text: str) -> list[dict]:
 
 def stream_of(path: Path) -> bytes:
     samples = read_log(path).samples
-    columns = {"time": samples.time, **samples.columns}
-    rows = zip(*(v.tolist() for v in columns.values()), strict=True)
-    return b"".join(json.dumps(dict(zip(columns, row, strict=True))).encode() + b"\n" for row in rows)
+    rows = pd.DataFrame({"time": samples.time, **samples.columns}).to_dict("records")
+    return b"".join(json.dumps(row).encode() + b"\n" for row in rows)
 
 
 def test_a_replay_gives_the_diagnosis(run, logs, tiny_model_file, offline) -> None:

@@ -194,16 +194,12 @@ def test_gas_that_cannot_give_way_to_the_oil_is_odd() -> None:
     assert remark.keys == ("gas_volume",) and not remark.impossible and "gas is 3 cm³" in remark.problem
 
 
-def test_a_profile_that_leaves_the_accumulators_oil_out_can_be_checked(run) -> None:
-    assert run("profile", "check", EXAMPLES / "bench.base.yaml").exit_code == 0
-
-
-@pytest.mark.parametrize(
-    "profile", ["axis_a", "axis_b", EXAMPLES / "rig6.base.yaml", EXAMPLES / "rig7.base.yaml"]
-)
-def test_real_units_are_not_odd(run, profile) -> None:
+@pytest.mark.parametrize("profile", ["axis_a", "axis_b", *(EXAMPLES / f"rig{k}.base.yaml" for k in (6, 7))])
+def test_real_units_are_not_odd(run, profile: str | Path) -> None:
     result = run("profile", "check", profile)
     assert result.exit_code == 0 and "Nothing is odd" in result.stdout
+    left_out = EXAMPLES / "bench.base.yaml"
+    assert run("profile", "check", left_out).exit_code == 0, "it says nothing of the accumulator's oil"
 
 
 @pytest.mark.parametrize("rig", ["rig6", "rig7"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import re
 from pathlib import Path
@@ -10,17 +9,12 @@ from typing import Any
 
 import pytest
 import yaml
-from jsonschema import Draft202012Validator
 
 ROOT = Path(__file__).parent.parent.parent
 FILES = [
-    ("map", "examples/*.map.yaml"),
-    ("profile", "fdd/units/*.yaml"),
-    ("profile", "fdd/demo/unit.yaml"),
-    ("profile", "examples/*.base.yaml"),
-    ("recipe", "datasets/*.yaml"),
-    ("serve", "examples/serve.yaml"),
-]
+    ("map", "examples/*.map.yaml"), ("profile", "fdd/units/*.yaml"), ("profile", "fdd/demo/unit.yaml"),
+    ("profile", "examples/*.base.yaml"), ("recipe", "datasets/*.yaml"), ("serve", "examples/serve.yaml"),
+]  # fmt: skip
 
 
 class Yaml12(yaml.SafeLoader):
@@ -30,19 +24,6 @@ class Yaml12(yaml.SafeLoader):
 Yaml12.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), list("-+0123456789")
 )
-
-
-@pytest.fixture(scope="module")
-def validator(run):
-    @functools.cache
-    def of(kind: str) -> Draft202012Validator:
-        result = run("schema", kind)
-        assert result.exit_code == 0, result.stderr
-        schema = json.loads(result.stdout)
-        Draft202012Validator.check_schema(schema)
-        return Draft202012Validator(schema)
-
-    return of
 
 
 def plain(text: str) -> Any:

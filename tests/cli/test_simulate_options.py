@@ -14,14 +14,10 @@ from fdd.plant.scenario import Scenario, scenario_data
 from fdd.unit import Unit
 
 FILE: dict[str, Any] = {
-    "schema": "fdd.scenario/1",
-    "unit": "axis_b",
-    "duration": 12,
-    "seed": 3,
-    "control": {"gain": 9000},
+    "schema": "fdd.scenario/1", "unit": "axis_b", "duration": 12, "seed": 3, "control": {"gain": 9000},
     "faults": [{"fault": "pump_wear", "severity": 0.3}],
     "partner": {"unit": "axis_a", "drive": "still", "circuit": {"blocked": True, "throttle": "0:1/5:0.2"}},
-}
+}  # fmt: skip
 
 
 @pytest.fixture
@@ -66,9 +62,7 @@ def test_options_override_the_file_and_leave_the_rest(asked, file) -> None:
         "--partner", "axis_b:power=0", "--valve", "b.throttle=0.5", "--valve", "bypass=0.1",
         "--fault", "aeration:severity=0.2,axis=2", "--perfect",
     )  # fmt: skip
-    assert (unit.name, partner.name, scenario.unit, scenario.partner.unit) == (
-        "axis_a", "axis_b", "axis_a", "axis_b",
-    )  # fmt: skip
+    assert (unit.name, partner.name) == (scenario.unit, scenario.partner.unit) == ("axis_a", "axis_b")
     assert (scenario.duration, scenario.seed) == (12.0, 8)
     assert (scenario.control.mode, scenario.control.gain) == ("speed", 9000.0)
     assert scenario.partner.drive == "still" and scenario.partner.power.most == 0.0
@@ -115,10 +109,22 @@ def test_levels_are_written_on_the_command_line(asked) -> None:
         (["--partner", "axis_b:drive=gently"], ["drive"]),
         (["--partner", "axis_b:speed=3"], ["speed", "drive or power"]),
         (["--fault", "aeration:severity=0.2,axis=2"], ["no axis 2"]),
+        (["--fault", "leek:severity=0.4"], ["leek", "internal_leakage"]),
+        (["--fault", "internal_leakage:severity=0.2,onset=99", "--duration", 5], ["onset"]),
+        (["--profile", "hops"], ["hops", "steps"]),
+        (["--profile", "steps:hopping=3"], ["hopping"]),
+        (["--profile", "steps:hold"], ["hold"]),
+        (["--load", "elephant"], ["elephant", "spring"]),
+        (["--load", "spring:rate=-1"], ["rate"]),
+        (["--unit", "axis_z"], ["axis_z", "axis_a"]),
+        (["--duration", "1e9"], ["duration"]),
+        (["--control", "force"], ["control"]),
+        (["--seed", "-1"], ["seed"]),
     ],
 )
-def test_a_bad_rig_is_refused(run, one_line, tmp_path, arguments, words) -> None:
+def test_a_bad_simulation_is_refused(run, one_line, tmp_path, arguments, words) -> None:
     one_line(run("simulate", "-o", tmp_path / "x.mcap", *arguments), *words)
+    one_line(run("simulate", "-o", tmp_path / "x.xlsx", *arguments), "x.xlsx")
     assert list(tmp_path.iterdir()) == []
 
 

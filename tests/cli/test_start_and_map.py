@@ -21,18 +21,19 @@ UNUSED = [
 ]  # fmt: skip
 
 
+def process(program: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A Python program about the command line, in a process of its own."""
+    begun = f"import os, sys; from fdd.cli import main\n{program}"
+    command, given = [sys.executable, "-c", begun, *map(str, arguments)], os.environ | environment
+    done = subprocess.run(command, env=given, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
 def loaded(names: list[str], *arguments: object) -> list[str]:
     """Which of some modules a command loads."""
-    program = (
-        "import sys; from fdd.cli import main\n"
-        "try: main()\n"
-        f"finally: print(*(m for m in {names} if m in sys.modules), file=sys.stderr)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program, *map(str, arguments)], capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stderr.splitlines()[-1].split()
+    program = f"try: main()\nfinally: print(*(m for m in {names} if m in sys.modules), file=sys.stderr)"
+    return process(program, *arguments).stderr.splitlines()[-1].split()
 
 
 def test_diagnose_loads_nothing_that_it_does_not_use(logs, tiny_model_file) -> None:
@@ -42,35 +43,22 @@ def test_diagnose_loads_nothing_that_it_does_not_use(logs, tiny_model_file) -> N
 
 
 def test_help_loads_no_library_and_looks_for_no_package() -> None:
-    names = [
-        "numpy",
-        "numba",
-        "scipy",
-        "pandas",
-        "pyarrow",
-        "sklearn",
-        "pydantic",
-        "mcap",
-        "yaml",
-        "fdd.packages",
-    ]
-    assert loaded(names, "--help") == []
+    libraries = ["numpy", "numba", "scipy", "pandas", "pyarrow", "sklearn", "pydantic", "mcap", "yaml"]
+    assert loaded([*libraries, "fdd.packages"], "--help") == []
 
 
 def test_commands_are_found_one_after_the_other() -> None:
     names = ["inspect", "map", "profile", "diagnose", "--version"]
     program = (
-        "import sys; from fdd.cli import main\n"
         "for name in sys.argv[1:]:\n"
         "    sys.argv = ['fdd', name, '--help']\n"
         "    try: main()\n"
         "    except SystemExit as end: assert not end.code\n"
     )
-    done = subprocess.run([sys.executable, "-c", program, *names], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    usages = [line.split() for line in done.stdout.splitlines() if "Usage:" in line]
+    lines = process(program, *names).stdout.splitlines()
+    usages = [line.split() for line in lines if "Usage:" in line]
     assert [u[u.index("fdd") + 1] for u in usages] == names[:-1]
-    assert done.stdout.splitlines()[-1].startswith("fdd ")
+    assert lines[-1].startswith("fdd ")
 
 
 def test_the_shell_offers_commands_faults_and_profiles() -> None:
@@ -82,17 +70,13 @@ def test_the_shell_offers_commands_faults_and_profiles() -> None:
         "fdd identify --base rig": [],
     }
     program = (
-        "import os, sys; from fdd.cli import main\n"
         "for line in sys.argv[1:]:\n"
         "    os.environ |= {'COMP_WORDS': line, 'COMP_CWORD': str(line.count(' '))}\n"
         "    sys.argv = ['fdd']\n"
         "    try: main()\n"
         "    except SystemExit as end: print('|')\n"
     )
-    environment = {**os.environ, "_FDD_COMPLETE": "complete_bash"}
-    done = subprocess.run(
-        [sys.executable, "-c", program, *offered], env=environment, capture_output=True, text=True
-    )
+    done = process(program, *offered, _FDD_COMPLETE="complete_bash")
     assert done.stderr == ""
     assert [each.split() for each in done.stdout.split("|")[:-1]] == list(offered.values())
 
@@ -116,12 +100,10 @@ def foreign(logs, tmp_path_factory: pytest.TempPathFactory) -> Path:
     samples = read_log(logs["healthy"]).samples
     path = tmp_path_factory.mktemp("foreign") / "rig.csv"
     columns = {
-        "t": samples.time,
-        "pump_rpm": samples["pump_speed"] * 30 / np.pi,
-        "cyl_mm": 1e3 * samples["position"],
-        "p1": samples["pressure_1"] / 1e3,
+        "t": samples.time, "pump_rpm": samples["pump_speed"] * 30 / np.pi,
+        "cyl_mm": 1e3 * samples["position"], "p1": samples["pressure_1"] / 1e3,
         "p2": samples["pressure_2"] / 1e3,
-    }
+    }  # fmt: skip
     pd.DataFrame(columns).to_csv(path, index=False)
     return path
 
@@ -157,7 +139,6 @@ def test_inspect_shows_every_signal(run, logs, foreign: Path) -> None:
 
 
 def test_the_command_may_stand_in_for_the_speed(foreign: Path) -> None:
-    """Test: a map without a measured speed. Expected: the demand's values, said so in the quality."""
     channel_map = ChannelMap.from_yaml(
         "time: {column: t}\ncommand: {column: pump_rpm, unit: rpm}\npump_speed: {from: command}\n"
         "position: {column: cyl_mm, unit: mm}\n"

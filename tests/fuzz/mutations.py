@@ -76,10 +76,8 @@ def bytes_changed(raw: bytes, rng: random.Random) -> bytes:
         elif kind == 3:
             out[other:other] = out[at : at + length]
         elif kind == 4:
-            out[at : at + length], out[other : other + length] = (
-                out[other : other + length],
-                out[at : at + length],
-            )
+            here, there = out[at : at + length], out[other : other + length]
+            out[at : at + length], out[other : other + length] = there, here
         elif kind == 5 and rng.random() < 0.3:
             del out[at:]
         else:
@@ -104,9 +102,8 @@ def text_changed(raw: bytes, rng: random.Random) -> bytes:
         return torn(raw.decode("utf-8", "surrogateescape").encode("utf-8", "replace").decode(), rng).encode()
     if kind in (2, 3):
         found = list(re.finditer(rb"[\w.+-]+", raw))
-        for one in sorted(
-            rng.sample(found, min(rng.choice((1, 1, 3)), len(found))), key=lambda m: -m.start()
-        ):
+        chosen = rng.sample(found, min(rng.choice((1, 1, 3)), len(found)))
+        for one in sorted(chosen, key=lambda m: -m.start()):
             raw = raw[: one.start()] + rng.choice(_WORDS) + raw[one.end() :]
         return raw
     if kind == 4:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 import numpy as np
 import pytest
+from scipy.stats import linregress
+from scipy.stats import t as student_t
 
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality
-from fdd.errors import InputError
 from fdd.history.answers import Life, Trend
 from fdd.history.compare import seen
 from fdd.history.line import fit_line, holm
@@ -17,6 +19,7 @@ from fdd.history.trend import given_limits, severity_one, trend_of
 from fdd.history.view import trend_csv, trend_sheet
 from fdd.report.page import render_sheet
 from fdd.unit import Unit
+from tests.refusal import refused
 
 HEALTHY = {"leakage": 6.5e-12, "bulk_modulus": 2.1e8, "coulomb_friction": 130.0, "viscous_friction": 60.0}
 SI = {"leakage": "m^3/(s*Pa)", "bulk_modulus": "Pa", "coulomb_friction": "N", "viscous_friction": "N*s/m"}
@@ -25,16 +28,14 @@ DAYS = 330.0
 
 def made_up_answer(
     name: str, day: float | None, factors: dict[str, float], stds: dict[str, float], warm: float
-):
+) -> Diagnosis:
     """An answer whose healthy leakage is exp(`warm`) times that at the reference temperature; `factors` and
     `stds` are of the healthy value at the log's own temperature."""
-    bases = {**HEALTHY, "leakage": float(np.exp(warm)) * HEALTHY["leakage"]}
-    estimates = {
-        name: Estimate(
-            unit=SI[name], baseline=base, value=factors[name] * base, std=stds[name] * base, observable=True
-        )
-        for name, base in bases.items()
-    }
+    estimates = {}
+    for n, usual in HEALTHY.items():
+        base = usual * float(np.exp(warm)) if n == "leakage" else usual
+        known = {"value": factors[n] * base, "std": stds[n] * base, "observable": True}
+        estimates[n] = Estimate(unit=SI[n], baseline=base, **known)
     began = None if day is None else datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=day)
     return Diagnosis(
         log=name, axis="axis_a", unit="axis_a", duration_s=60.0, samples=60_000, verdict="healthy", faults=[],
@@ -68,9 +69,8 @@ def life(
 
 def alarmed(answer: Diagnosis, fault: str, family: str) -> Diagnosis:
     """The same answer with a fault in it."""
-    finding = FaultFinding(
-        fault=fault, family=family, ambiguity=[fault], confidence=0.9, onset_s=3.0, detected_s=4.0
-    )
+    times = {"onset_s": 3.0, "detected_s": 4.0}
+    finding = FaultFinding(fault=fault, family=family, ambiguity=[fault], confidence=0.9, **times)
     return answer.model_copy(update={"verdict": "faulty", "faults": [finding]})
 
 
@@ -162,10 +162,8 @@ def test_too_few_logs_or_none_of_another_time_give_no_line_and_several_units_are
         answer.started_at = "2026-01-01T00:00:00Z"
     assert all(t.slope is None for t in told(same).trends)
     same[2].unit = "other"
-    with pytest.raises(InputError, match="axis_a, other"):
-        told(same)
-    with pytest.raises(InputError, match="no log"):
-        told([Diagnosis.unreadable("bad.csv", "bad.csv: empty", {})])
+    assert "axis_a, other" in refused(lambda: told(same))
+    assert "no log" in refused(lambda: told([Diagnosis.unreadable("bad.csv", "bad.csv: empty", {})]))
 
 
 def test_a_limit_that_is_passed_is_told_so_and_other_limits_come_from_the_catalogue() -> None:
@@ -178,16 +176,14 @@ def test_a_limit_that_is_passed_is_told_so_and_other_limits_come_from_the_catalo
     soft = 1.0 / 2.1e8 + 0.025 * (101325.0 / p) ** (1 / 1.4) / (1.4 * p)
     assert limits["bulk_modulus"][0] == pytest.approx(1.0 / soft / 2.1e8)
     for text in ("leakage", "leakage=x", "leakage=1", "leakage=-2", "leakage=nan", "speed=2"):
-        with pytest.raises(InputError, match="--limit"):
-            given_limits([text])
+        assert "--limit" in refused(partial(given_limits, [text]))
 
 
 def test_what_is_not_observable_at_the_end_is_taken_as_it_is_known_best() -> None:
     plain = life(6)[0].estimates["leakage"]
     assert seen(plain) == (plain.value, plain.std)
-    late = plain.model_copy(
-        update={"observable": False, "value": 2.0, "std": 0.2, "held": 1.0, "held_std": 0.1}
-    )
+    held = {"observable": False, "value": 2.0, "std": 0.2, "held": 1.0, "held_std": 0.1}
+    late = plain.model_copy(update=held)
     assert seen(late) == (1.0, 0.1)
     assert seen(late.model_copy(update={"held_std": 0.5})) == (2.0, 0.2)
     assert seen(late.model_copy(update={"held": None, "held_std": None})) is None
@@ -225,13 +221,11 @@ def test_scatter_between_logs_is_the_closed_form_where_all_logs_know_as_much() -
 
 @pytest.mark.parametrize("std", [1e-3, 0.05, 1.0])
 def test_equal_logs_give_ordinary_least_squares_and_its_t_interval(std: float) -> None:
-    from scipy.stats import linregress, t
-
     values = 1.0 + 0.5 * TIME + np.random.default_rng(2).normal(0.0, 0.1, 12)
     plain = linregress(TIME, values)
     line = fit_line(values, np.full(12, std), DESIGN)
     low, high = line.interval(1)
-    half = t.ppf(0.975, 10) * plain.stderr
+    half = student_t.ppf(0.975, 10) * plain.stderr
     assert (low, high) == pytest.approx((plain.slope - half, plain.slope + half), rel=1e-6)
     assert line.p_value(1) == pytest.approx(plain.pvalue, rel=1e-6)
 

@@ -49,9 +49,8 @@ def test_the_fits_are_those_that_the_answer_was_made_of(
     assert math.log(high / found.severity) == pytest.approx(1.2816 * spread, abs=2e-3)
     for name in {f.hypothesis.fault for f in pipeline.fitted}:
         leading = max((f for f in pipeline.fitted if f.hypothesis.fault == name), key=lambda f: f.gain)
-        assert (
-            whole[f"severity_{name}"] == leading.active_amplitude and whole[f"score_{name}"] == leading.score
-        )
+        told = whole[f"severity_{name}"], whole[f"score_{name}"]
+        assert told == (leading.active_amplitude, leading.score)
     assert len({f.hypothesis.fault for f in pipeline.fitted}) < len(pipeline.fitted), "sides and channels"
     told = next(re.search(r"log likelihood ratio ([\d.]+)", s) for s in found.evidence)
     assert told is not None and float(told[1]) == pytest.approx(whole["score_internal_leakage"], abs=0.05)

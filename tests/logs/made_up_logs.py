@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from fdd.errors import InputError
 from fdd.logs import Log, read_log
 from fdd.logs.mcap_writing import RunBlock
 from fdd.samples import Samples
+from tests.refusal import refused
 
 
 def strokes(n: int = 6000, seed: int = 5) -> Samples:
     """A cylinder going to and fro at 1 kHz, with plausible magnitudes in every channel."""
     noise = np.random.default_rng(seed)
     time = np.arange(n) * 1e-3
-    speed = 80.0 * np.sin(2.0 * np.pi * 0.5 * time)
+    sine = np.sin(2.0 * np.pi * 0.5 * time)
+    speed = 80.0 * sine
     angle = np.cumsum(speed) * 1e-3
-    pressure_1 = 6e5 + 2e5 * np.sin(2.0 * np.pi * 0.5 * time) + 3e3 * noise.standard_normal(n)
-    pressure_2 = 6e5 - 2e5 * np.sin(2.0 * np.pi * 0.5 * time) + 3e3 * noise.standard_normal(n)
+    pressure_1, pressure_2 = (6e5 + side * sine + 3e3 * noise.standard_normal(n) for side in (2e5, -2e5))
     return Samples(
         time,
         {
@@ -67,15 +66,6 @@ def parts(samples: Samples, edges: list[int], axis: str | None, thin: int = 10) 
             truth = {"time": samples.time[rows], "leakage": 1e-12 * rows, "stuck": rows % 2 == 0}
         blocks.append(RunBlock(samples.rows(start, stop), truth, axis))
     return blocks
-
-
-def refused(act: Callable[[], object]) -> str:
-    """The line of the InputError that `act` must raise."""
-    with pytest.raises(InputError) as caught:
-        act()
-    line = str(caught.value)
-    assert "\n" not in line and "Traceback" not in line and 10 < len(line) < 1500
-    return line
 
 
 def refused_log(path: Path, *args: object, **kwargs: object) -> str:
@@ -119,13 +109,13 @@ def as_dict(message: Any) -> dict[str, Any]:
     }
 
 
-def messages(path: Path, start: int | None = None) -> list[tuple[int, str, dict[str, Any]]]:
+def messages(path: Path) -> list[tuple[int, str, dict[str, Any]]]:
     """Log time, topic and fields of each message, as the MCAP and Protobuf libraries read them through the
-    index, in the order of time; checksums are checked. `start`: only from this log time on."""
+    index, in the order of time; checksums are checked."""
     protobuf, decoders, found = DecoderFactory(), {}, []
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
-        for schema, channel, message in reader.iter_messages(starting_at=start):
+        for schema, channel, message in reader.iter_messages():
             if channel.id not in decoders:
                 decoded = protobuf.decoder_for(channel.message_encoding, schema)
                 decoders[channel.id] = json.loads if decoded is None else lambda d, f=decoded: as_dict(f(d))

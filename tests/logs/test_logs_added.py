@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_up_logs import refused_log
 
 from fdd.errors import InputError
 from fdd.logs import read_log
@@ -17,11 +18,9 @@ from fdd.packages import LOG_FORMATS, Addition
 
 ROWS = 4000
 TIME = np.arange(ROWS) * 1e-3
-COLUMNS = {
-    "position": 0.02 * np.sin(TIME),
-    "pump_speed": 100.0 * np.cos(TIME),
-    "pressure_difference": 1e6 + 1e5 * np.sin(TIME),
-}
+SINE, COSINE = np.sin(TIME), np.cos(TIME)
+COLUMNS = {"position": 0.02 * SINE, "pump_speed": 100.0 * COSINE, "pressure_difference": 1e6 + 1e5 * SINE}
+TEXT = "time,position\n0,1\n1,2\n"
 
 
 class Own(LogFile):
@@ -74,16 +73,15 @@ def test_ours_come_first_and_text_last(add: Add, tmp_path: Path) -> None:
     (tmp_path / "a.parquet").write_bytes(b"PAR1 and nothing else")
     with pytest.raises(InputError, match="Parquet"):
         open_log(tmp_path / "a.parquet")
-    (tmp_path / "a.csv").write_text("time,position\n0,1\n1,2\n", "utf-8")
+    (tmp_path / "a.csv").write_text(TEXT, "utf-8")
     assert isinstance(open_log(tmp_path / "a.csv"), registry.CheckedLog)
 
 
 def test_text_of_its_suffix_is_not_its_own_where_the_suffix_is_ours_too(add: Add, tmp_path: Path) -> None:
     add(Own)
-    text = "time,position\n0,1\n1,2\n"
-    (tmp_path / "a.txt").write_text(text, "utf-8")
+    (tmp_path / "a.txt").write_text(TEXT, "utf-8")
     assert set(open_log(tmp_path / "a.txt").signals) == {"time", "position"}
-    (tmp_path / "b.own").write_text(text, "utf-8")
+    (tmp_path / "b.own").write_text(TEXT, "utf-8")
     with pytest.raises(InputError, match="not a own file"):
         open_log(tmp_path / "b.own")
 
@@ -111,11 +109,8 @@ BAD: dict[str, Callable[[Path], Any]] = {
 @pytest.mark.parametrize("problem", BAD)
 def test_what_nothing_can_be_made_of_is_refused_with_the_package(add: Add, path: Path, problem: str) -> None:
     add(BAD[problem])
-    with pytest.raises(InputError) as caught:
-        read_log(path)
-    line = str(caught.value)
+    line = refused_log(path)
     assert line.startswith(f"{path}: package made-up 1.0, which reads it, ") and problem in line
-    assert len(line.splitlines()) == 1
 
 
 def test_its_own_refusals_are_told_as_they_are(add: Add, path: Path) -> None:
@@ -123,8 +118,7 @@ def test_its_own_refusals_are_told_as_they_are(add: Add, path: Path) -> None:
         raise InputError("the bench was off", where=path, mend="switch it on")
 
     add(refuse)
-    with pytest.raises(InputError, match=r"a\.own: the bench was off; switch it on"):
-        open_log(path)
+    assert refused_log(path) == f"{path}: the bench was off; switch it on"
 
 
 def test_the_bounds_hold(add: Add, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,7 +144,7 @@ def test_one_that_cannot_be_asked_keeps_no_other_log_from_being_read(
     add: Add, tmp_path: Path, capsys: pytest.CaptureFixture[str], opener: Any, sniff: Any, problem: str
 ) -> None:
     add(opener, sniff=sniff)
-    (tmp_path / "a.csv").write_text("time,position\n0,1\n1,2\n", "utf-8")
+    (tmp_path / "a.csv").write_text(TEXT, "utf-8")
     assert set(open_log(tmp_path / "a.csv").signals) == {"time", "position"}
     line = capsys.readouterr().err
     assert line.startswith("fdd: warning: package made-up 1.0: fdd.log_formats 'own': ") and problem in line

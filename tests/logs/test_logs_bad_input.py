@@ -17,15 +17,6 @@ from fdd.logs.tabular_writing import write_csv
 Frame = pd.DataFrame
 
 
-def put(column: str, rows: object, value: object) -> Callable[[Frame], Frame]:
-    def change(f: Frame) -> Frame:
-        f = f.copy()
-        f.loc[rows, column] = value
-        return f
-
-    return change
-
-
 def scaled(columns: list[str], factor: float) -> Callable[[Frame], Frame]:
     return lambda f: f.assign(**{c: f[c] * factor for c in columns})
 
@@ -44,7 +35,9 @@ UNUSABLE: dict[str, tuple[Callable[[Frame], Frame], list[str]]] = {
     "one chamber": (
         lambda f: f.drop(columns=["pressure_difference", "pressure_2"]), ["pressure_1 and pressure_2"],
     ),
-    "all NaN": (put("position", slice(None), np.nan), ["position", "without a single value"]),
+    "all NaN": (lambda f: f.assign(position=np.nan), ["position", "without a single value"]),
+    "no rows": (lambda f: f[:0], ["no rows"]),
+    "text": (lambda f: f.assign(position="a"), ["'position' holds text"]),
     "bar": (scaled(PRESSURES, 1e-5), ["pressures look like bar", "unit: bar"]),
     "only Δp in bar": (
         lambda f: scaled(PRESSURES, 1e-5)(f).drop(columns=["pressure_1", "pressure_2"]), ["look like bar"],
@@ -98,26 +91,38 @@ def test_the_place_of_a_backwards_clock(tmp_path: Path) -> None:
     assert "at line 3002" in refused_log(tmp_path / "a.csv")
 
 
-HEADER = "time,position,pump_angle,pressure_difference\n"
-CSV_TEXTS: dict[str, tuple[str, list[str]]] = {
-    "empty": ("", ["the file is empty"]),
-    "blank": ("\n\n\n", ["no header row"]),
-    "header only": (HEADER, ["no rows"]),
-    "no header": ("0.0,1.0,2.0\n0.001,1.0,2.0\n", ["line 1", "no header row"]),
-    "text": (HEADER + "0,1,1,1\n0.001,abc,1,1\n", ["line 3", "'position'", "'abc'"]),
-    "short row": (HEADER + "0,1,1,1\n1,2\n2,1,1,1\n", ["line 3", "2 cells", "4"]),
-    "twice": ("time,position,position,pump_angle,pressure_difference\n0,1,1,1,1\n", ["'position'", "twice"]),
-    "prose": ("Dear all, please find the log attached.\nRegards\n", ["no rows of numbers below a header"]),
-}  # fmt: skip
+HEADER = b"time,position,pump_angle,pressure_difference\n"
+NO_LOGS: dict[str, tuple[str, bytes, list[str]]] = {
+    "empty": ("a.csv", b"", ["the file is empty"]),
+    "blank": ("a.csv", b"\n\n\n", ["no header row"]),
+    "header only": ("a.csv", HEADER, ["no rows"]),
+    "no header": ("a.csv", b"0.0,1.0,2.0\n0.001,1.0,2.0\n", ["line 1", "no header row"]),
+    "text": ("a.csv", HEADER + b"0,1,1,1\n0.001,abc,1,1\n", ["line 3", "'position'", "'abc'"]),
+    "short row": ("a.csv", HEADER + b"0,1,1,1\n1,2\n2,1,1,1\n", ["line 3", "2 cells", "4"]),
+    "twice": ("a.csv", HEADER.replace(b"pump_angle", b"position") + b"0,1,1,1\n", ["'position'", "twice"]),
+    "prose": ("a.csv", b"Dear all, please find the log.\nRegards\n", ["no rows of numbers below a header"]),
+    "damaged gzip": ("a.csv", b"\x1f\x8b\x08rest", ["damaged gzip file"]),
+    "bytes": ("a.csv", bytes(range(256)) * 20, ["of no known format"]),
+    "no MCAP": ("a.mcap", b"\x89MCAP1\r\nnonsense", ["not an MCAP file"]),
+    "empty MCAP": ("a.mcap", b"", ["the file is empty"]),
+    "MCAP's head": ("a.mcap", b"\x89MCAP0\r\n", ["cut off before its first message"]),
+    "damaged Parquet": ("a.parquet", b"PAR1 and then nothing", ["not readable as Parquet"]),
+    "no Parquet": ("a.parquet", b"time,position\n", ["not a Parquet file"]),
+}
 
 
-@pytest.mark.parametrize("case", CSV_TEXTS)
-def test_unusable_csv(case: str, tmp_path: Path) -> None:
-    text, said = CSV_TEXTS[case]
-    (tmp_path / "log.csv").write_text(text)
-    line = refused_log(tmp_path / "log.csv", shortest=0.0)
+@pytest.mark.parametrize("case", NO_LOGS)
+def test_what_is_no_log_at_all(case: str, tmp_path: Path) -> None:
+    name, content, said = NO_LOGS[case]
+    (tmp_path / name).write_bytes(content)
+    line = refused_log(tmp_path / name, shortest=0.0)
     for part in said:
         assert part in line, line
+
+
+def test_no_file_and_a_folder(tmp_path: Path) -> None:
+    assert "no such file" in refused_log(tmp_path / "none.csv")
+    assert "is a folder" in refused_log(tmp_path)
 
 
 def test_a_last_line_cut_in_the_middle_is_forgiven(tmp_path: Path) -> None:
@@ -128,47 +133,24 @@ def test_a_last_line_cut_in_the_middle_is_forgiven(tmp_path: Path) -> None:
     assert "incomplete" in log.quality.notes[0] and "line 6001" in log.quality.notes[0]
 
 
-def test_what_is_no_log_at_all(tmp_path: Path) -> None:
-    assert "no such file" in refused_log(tmp_path / "none.csv")
-    assert "is a folder" in refused_log(tmp_path)
-    for name, content, said in (
-        ("a.mcap", b"\x89MCAP1\r\nnonsense", "not an MCAP file"),
-        ("b.mcap", b"", "the file is empty"),
-        ("c.parquet", b"PAR1 and then nothing", "not readable as Parquet"),
-        ("d.parquet", b"time,position\n", "not a Parquet file"),
-        ("e.csv", b"\x1f\x8b\x08rest", "damaged gzip file"),
-        ("f.csv", bytes(range(256)) * 20, "of no known format"),
-        ("g.mcap", b"\x89MCAP0\r\n", "cut off before its first message"),
-    ):
-        (tmp_path / name).write_bytes(content)
-        assert said in refused_log(tmp_path / name)
-
-
-def test_parquet_of_text_and_of_no_rows(tmp_path: Path) -> None:
-    frame().assign(position="a").to_parquet(tmp_path / "a.parquet")
-    assert "'position' holds text" in refused_log(tmp_path / "a.parquet")
-    frame()[:0].to_parquet(tmp_path / "b.parquet")
-    assert "no rows" in refused_log(tmp_path / "b.parquet")
-
-
+GOOD = [b'{"cyl": {"pos": 1.5}}'] * 9
 MAP = ChannelMap.from_yaml("position: {topic: /daq, field: cyl.pos, unit: mm}")
 
 
 def test_mcap_messages_that_are_not_what_the_map_says(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    good = [b'{"cyl": {"pos": 1.5}}'] * 9
-    line = refused_log(mcap_of(path, good), ChannelMap.from_yaml("position: {topic: /dap, field: cyl.pos}"))
+    path = mcap_of(tmp_path / "a.mcap", GOOD)
+    assert "--map" in refused_log(path)
+    line = refused_log(path, ChannelMap.from_yaml("position: {topic: /dap, field: cyl.pos}"))
     assert "no topic /dap (did you mean '/daq'?)" in line and "the file has: /daq" in line
-    line = refused_log(mcap_of(path, good), ChannelMap.from_yaml("position: {topic: /daq, field: cyl.poss}"))
+    line = refused_log(path, ChannelMap.from_yaml("position: {topic: /daq, field: cyl.poss}"))
     assert "no field 'cyl.poss' (did you mean 'cyl.pos'?)" in line
     assert "no message on topic /daq" in refused_log(mcap_of(path, [], use_chunking=False), MAP)
-    assert "protobuf" in refused_log(mcap_of(path, good, encoding="protobuf"), MAP)
+    assert "protobuf" in refused_log(mcap_of(path, GOOD, encoding="protobuf"), MAP)
     for odd in (b"{half", b"1,2", b"[1, 2]"):
-        assert f"not a JSON object: {odd!r}" in refused_log(mcap_of(path, [*good, odd]), MAP)
-    assert "'x' is not a number" in refused_log(mcap_of(path, [*good, b'{"cyl": {"pos": "x"}}']), MAP)
+        assert f"not a JSON object: {odd!r}" in refused_log(mcap_of(path, [*GOOD, odd]), MAP)
+    assert "'x' is not a number" in refused_log(mcap_of(path, [*GOOD, b'{"cyl": {"pos": "x"}}']), MAP)
     assert "not a number" in refused_log(mcap_of(path, [b'{"cyl": {"pos": [1, 2]}}'] * 3), MAP)
     assert "not a JSON object" in refused_log(mcap_of(path, [b"[" * 100_000]), MAP)
-    assert "--map" in refused_log(mcap_of(path, good))
 
 
 def test_several_axes_must_be_chosen_from(tmp_path: Path) -> None:
@@ -189,7 +171,6 @@ def test_map_and_file_of_different_kinds(tmp_path: Path) -> None:
     assert "map names columns" in refused_log(tmp_path / "a.mcap", columns)
     write_csv(tmp_path / "a.csv", strokes(3000))
     assert "map names topics" in refused_log(tmp_path / "a.csv", MAP)
-    line = refused_log(
-        tmp_path / "a.csv", ChannelMap.from_yaml("time: {column: Time}\nposition: {column: pos}")
-    )
+    other = ChannelMap.from_yaml("time: {column: Time}\nposition: {column: pos}")
+    line = refused_log(tmp_path / "a.csv", other)
     assert "no column 'Time' (did you mean 'time'?)" in line and "the file has: time, command" in line

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
 from made_up_logs import refused_log, strokes
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
 
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats import open_log
@@ -25,6 +29,7 @@ FOREIGN = {
     "pressure_2": ("p_2", "bar", 1e5),
 }
 MAP = ChannelMap.from_yaml("\n".join(f"{c}: {{column: {n}, unit: {u}}}" for c, (n, u, _) in FOREIGN.items()))
+UNITS = {name: unit for name, unit, _ in FOREIGN.values()}
 OIL_T = np.arange(0.0, 3.0, 0.5)
 
 
@@ -33,13 +38,11 @@ def foreign() -> dict[str, np.ndarray]:
 
 
 def hdf5(path: Path) -> None:
-    import h5py
-
     with h5py.File(path, "w") as file:
         group = file.create_group("daq/fast")
         for name, values in foreign().items():
             data = group.create_dataset(name, data=values, compression="gzip", chunks=True)
-            data.attrs["unit"] = next(u for n, u, _ in FOREIGN.values() if n == name)
+            data.attrs["unit"] = UNITS[name]
         stamps = group.create_dataset("stamp", data=np.rint(SAMPLES.time * 1e9).astype(np.int64))
         stamps.attrs["units"] = b"ns"
         slow = file.create_group("daq/slow")
@@ -48,33 +51,17 @@ def hdf5(path: Path) -> None:
 
 
 def hdf5_compound(path: Path) -> None:
-    import h5py
-
-    columns = {"time": SAMPLES.time, **foreign()}
-    table = np.zeros(len(SAMPLES), dtype=[(n, "f8") for n in columns])
-    for name, values in columns.items():
-        table[name] = values
     with h5py.File(path, "w") as file:
-        file["table"] = table
+        file["table"] = frame().to_records(index=False)
 
 
 def matlab5(path: Path) -> None:
-    from scipy.io import savemat
-
     signals = {n: {"time": SAMPLES.time, "value": v, "unit": "?"} for n, v in foreign().items()}
     savemat(path, {"rec": {**signals, "toil": {"time": OIL_T, "value": 40.0 + OIL_T}}}, do_compression=True)
 
 
-def matlab5_flat(path: Path) -> None:
-    from scipy.io import savemat
-
-    savemat(path, {"Ts": 0.001, **foreign()})
-
-
 def matlab73(path: Path) -> None:
     """As MATLAB writes: HDF5 behind a block of its own, every vector a 1 x n matrix, text as numbers."""
-    import h5py
-
     with h5py.File(path, "w", userblock_size=512) as file:
         group = file.create_group("log")
         for name, values in {"t": SAMPLES.time, **foreign()}.items():
@@ -86,26 +73,18 @@ def matlab73(path: Path) -> None:
 
 
 def tdms(path: Path) -> None:
-    from nptdms import ChannelObject, TdmsWriter
-
     about = {"wf_increment": 0.001, "unit_string": "?"}
     with TdmsWriter(path) as writer:
         writer.write_segment([ChannelObject("daq", n, v, properties=about) for n, v in foreign().items()])
 
 
-def mdf4(path: Path) -> None:
+def mdf(path: Path, version: str) -> None:
     asammdf = pytest.importorskip("asammdf", reason="MDF files need the extra fdd[mdf]")
-    with asammdf.MDF(version="4.10") as file:
-        units = {n: u for n, u, _ in FOREIGN.values()}
+    with asammdf.MDF(version=version) as file:
+        units = UNITS if version > "4" else dict.fromkeys(UNITS, "")
         file.append([asammdf.Signal(v, SAMPLES.time, name=n, unit=units[n]) for n, v in foreign().items()])
-        file.append([asammdf.Signal(40.0 + OIL_T, OIL_T, name="oil_temperature", unit="degC")])
-        file.save(path, overwrite=True)
-
-
-def mdf3(path: Path) -> None:
-    asammdf = pytest.importorskip("asammdf", reason="MDF files need the extra fdd[mdf]")
-    with asammdf.MDF(version="3.30") as file:
-        file.append([asammdf.Signal(v, SAMPLES.time, name=n) for n, v in foreign().items()])
+        if version > "4":
+            file.append([asammdf.Signal(40.0 + OIL_T, OIL_T, name="oil_temperature", unit="degC")])
         file.save(path, overwrite=True)
 
 
@@ -113,19 +92,25 @@ def frame() -> pd.DataFrame:
     return pd.DataFrame({"time": SAMPLES.time, **foreign()})
 
 
+def two_sheets(path: Path) -> None:
+    with pd.ExcelWriter(path) as book:
+        pd.DataFrame({"about": ["rig 3", "a note"]}).to_excel(book, sheet_name="cover", index=False)
+        frame().to_excel(book, sheet_name="data", startrow=4, index=False)
+
+
 WRITERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "HDF5": ("a.h5", hdf5),
     "HDF5, compound": ("b.h5", hdf5_compound),
     "MATLAB 5": ("c.mat", matlab5),
-    "MATLAB 5, flat": ("d.mat", matlab5_flat),
+    "MATLAB 5, flat": ("d.mat", lambda p: savemat(p, {"Ts": 0.001, **foreign()})),
     "MATLAB 7.3": ("e.mat", matlab73),
     "TDMS": ("f.tdms", tdms),
-    "MDF 4": ("g.mf4", mdf4),
-    "MDF 3": ("h.mdf", mdf3),
+    "MDF 4": ("g.mf4", lambda p: mdf(p, "4.10")),
+    "MDF 3": ("h.mdf", lambda p: mdf(p, "3.30")),
     "Feather": ("i.feather", lambda p: frame().to_feather(p)),
     "Parquet": ("j.parquet", lambda p: frame().to_parquet(p)),
     "Excel": ("k.xlsx", lambda p: frame().to_excel(p, index=False)),
-    "Excel, second sheet, titles": ("l.xlsx", lambda p: _two_sheets(p)),
+    "Excel, second sheet, titles": ("l.xlsx", two_sheets),
     "CSV, gzip": ("m.csv.gz", lambda p: frame().to_csv(p, index=False)),
 }
 
@@ -139,23 +124,23 @@ def content_of(kind: str) -> bytes:
         return (Path(folder) / name).read_bytes()
 
 
-def _two_sheets(path: Path) -> None:
-    with pd.ExcelWriter(path) as book:
-        pd.DataFrame({"about": ["rig 3", "a note"]}).to_excel(book, sheet_name="cover", index=False)
-        frame().to_excel(book, sheet_name="data", startrow=4, index=False)
+def file_of(kind: str, folder: Path, share: float = 1.0) -> Path:
+    """A file with this share of it."""
+    path, content = folder / WRITERS[kind][0], content_of(kind)
+    path.write_bytes(content[: int(share * len(content))])
+    return path
 
 
-def assert_equal(read: Samples, wanted: Samples = SAMPLES) -> None:
-    np.testing.assert_allclose(read.time - read.time[0], wanted.time, atol=1e-9)
+def assert_equal(read: Samples) -> None:
+    np.testing.assert_allclose(read.time - read.time[0], SAMPLES.time, atol=1e-9)
     for channel in FOREIGN:
-        bound = 1e-12 * float(np.ptp(wanted[channel]))
-        np.testing.assert_allclose(read[channel], wanted[channel], rtol=0, atol=bound, err_msg=channel)
+        bound = 1e-12 * float(np.ptp(SAMPLES[channel]))
+        np.testing.assert_allclose(read[channel], SAMPLES[channel], rtol=0, atol=bound, err_msg=channel)
 
 
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_file_of_every_format_is_read(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / WRITERS[kind][0]
-    path.write_bytes(content_of(kind))
+    path = file_of(kind, tmp_path)
     assert_equal(read_log(path, _with_time(path)).samples)
 
 
@@ -165,17 +150,15 @@ def _with_time(path: Path) -> ChannelMap:
     named = [s for s in log.signals if s.rsplit("/", 1)[-1] in ("time", "t")]
     if named and log.stamps(log.signals[named[0]].clock) is None:
         times = {"time": {"column": named[0]}}
-    return ChannelMap.model_validate(
-        {"channels": {**MAP.model_dump(by_alias=True, exclude_defaults=True)["channels"], **times}}
-    )
+    channels = MAP.model_dump(by_alias=True, exclude_defaults=True)["channels"]
+    return ChannelMap.model_validate({"channels": {**channels, **times}})
 
 
 @pytest.mark.parametrize("kind", ["HDF5", "MDF 4"])
 def test_a_slow_signal_has_its_own_stamps(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / WRITERS[kind][0]
-    path.write_bytes(content_of(kind))
     text = "\n".join(f"{c}: {{column: {n}}}" for c, (n, _, _) in FOREIGN.items())
-    log = read_log(path, ChannelMap.from_yaml(text + "\noil_temperature: {column: oil_temperature}"))
+    channel_map = ChannelMap.from_yaml(text + "\noil_temperature: {column: oil_temperature}")
+    log = read_log(file_of(kind, tmp_path), channel_map)
     assert_equal(log.samples)  # the units are the file's own
     there = np.flatnonzero(np.isfinite(log.samples["oil_temperature"]))
     np.testing.assert_allclose(log.samples.time[there], OIL_T, atol=1e-9)
@@ -187,8 +170,7 @@ def test_a_slow_signal_has_its_own_stamps(kind: str, tmp_path: Path) -> None:
 def test_a_cut_file_is_read_as_far_as_it_goes_or_refused_in_one_line(
     kind: str, share: float, tmp_path: Path
 ) -> None:
-    path, content = tmp_path / WRITERS[kind][0], content_of(kind)
-    path.write_bytes(content[: int(share * len(content))])
+    path = file_of(kind, tmp_path, share)
     try:
         log = read_log(path, _with_time(path))
     except ValueError as error:
@@ -200,8 +182,6 @@ def test_a_cut_file_is_read_as_far_as_it_goes_or_refused_in_one_line(
 
 
 def test_a_name_that_two_groups_have(tmp_path: Path) -> None:
-    import h5py
-
     with h5py.File(tmp_path / "a.h5", "w") as file:
         for group in ("left", "right"):
             file[f"{group}/position"] = np.arange(10.0)
@@ -210,8 +190,6 @@ def test_a_name_that_two_groups_have(tmp_path: Path) -> None:
 
 
 def test_what_an_extra_reads_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
     (tmp_path / "a.mf4").write_bytes(b"MDF     4.10    " + bytes(200))
     monkeypatch.setitem(sys.modules, "asammdf", None)
     assert "pip install 'fdd[mdf]'" in refused_log(tmp_path / "a.mf4")

@@ -45,8 +45,7 @@ def ten_minutes(rows: int) -> Samples:
     """All channels with noise of their own, some values missing, the temperature measured seldom."""
     rng = np.random.default_rng(1)
     log = strokes(rows, seed=1)
-    zero = np.zeros(rows)
-    columns = {n: log.columns.get(n, zero) + 1e-3 * rng.normal(size=rows) for n in CHANNELS}
+    columns = {n: log.columns.get(n, np.zeros(rows)) + 1e-3 * rng.normal(size=rows) for n in CHANNELS}
     columns["oil_temperature"] = np.repeat(40.0 + rng.normal(size=rows // 100), 100)
     columns["pressure_1"][rng.integers(0, rows, 50)] = np.nan
     return Samples(log.time, columns)
@@ -67,6 +66,5 @@ def test_a_long_log_takes_little_more_memory_than_its_columns(
     write(long, log)
     columns = (len(CHANNELS) + 1) * ROWS * 8
     for what in ("read", "inspect"):
-        command = [sys.executable, "-c", READ, what, str(short), str(long)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        assert columns < int(done.stdout) < MOST * columns, what
+        peak = subprocess.check_output([sys.executable, "-c", READ, what, short, long], text=True)
+        assert columns < int(peak) < MOST * columns, what

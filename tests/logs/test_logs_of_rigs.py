@@ -22,9 +22,9 @@ def test_example_maps_are_valid(path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rig", ["rig1", "rig4"])
-def test_every_rig_log_is_read(shared: Path, rig: str) -> None:
+def test_every_rig_log_is_read(rig_logs: Path, rig: str) -> None:
     channel_map = ChannelMap.load(EXAMPLES / f"{rig}.map.yaml")
-    paths = sorted((shared / "rig_logs" / rig).iterdir())
+    paths = sorted((rig_logs / rig).iterdir())
     assert len(paths) >= 11
     for path in paths:
         log = read_log(path, channel_map)
@@ -38,14 +38,11 @@ def test_every_rig_log_is_read(shared: Path, rig: str) -> None:
 
 
 @pytest.mark.parametrize("rig", ["rig1", "rig4"])
-def test_pump_and_cylinder_agree_where_the_load_is_light(shared: Path, rig: str) -> None:
-    """Test: fast motion of the baseline, a tenth of a second at a time, at low pressure (little leakage).
-
-    Expected: the thesis's transmission D/A = 3.66e-4 m/rad within the rigs' spread, both ways, positive out.
-    """
-    samples = read_log(
-        next((shared / "rig_logs" / rig).glob("baseline.*")), EXAMPLES / f"{rig}.map.yaml"
-    ).samples
+def test_pump_and_cylinder_agree_where_the_load_is_light(rig_logs: Path, rig: str) -> None:
+    """Fast motion, a tenth of a second at a time, at low pressure (little leakage): the thesis's transmission
+    D/A = 3.66e-4 m/rad within the rigs' spread, both ways, positive out."""
+    baseline = next((rig_logs / rig).glob("baseline.*"))
+    samples = read_log(baseline, EXAMPLES / f"{rig}.map.yaml").samples
     turned = samples["pump_angle"][100::100] - samples["pump_angle"][:-100:100]
     moved = samples["position"][100::100] - samples["position"][:-100:100]
     light = np.abs(samples["pressure_difference"][50::100][: turned.size]) < 4e5
@@ -55,37 +52,25 @@ def test_pump_and_cylinder_agree_where_the_load_is_light(shared: Path, rig: str)
         assert np.median(moved[fast] / turned[fast]) == pytest.approx(3.66e-4, rel=0.2)
 
 
-@pytest.fixture
-def bench(shared: Path) -> Path:
-    folder = shared / "real" / "eha_bench"
-    if not folder.is_dir():
-        pytest.skip(f"no recordings of the laboratory bench at {folder}")
-    return folder
-
-
 SCALES = [
-    "position=ADC1_Channel_14*0.025:mm",
-    "pressure_1=ADC1_Channel_2*0.0625-0.625:bar",
+    "position=ADC1_Channel_14*0.025:mm", "pressure_1=ADC1_Channel_2*0.0625-0.625:bar",
     "pressure_2=ADC1_Channel_3*0.07576-18.333:bar",
-]
+]  # fmt: skip
 
 
 @pytest.mark.slow
 def test_the_map_of_every_third_healthy_bench_run_has_the_same_channels_and_signs(bench: Path) -> None:
-    """Test: columns without names or units, position and pressures given. Expected: the firmware's meaning.
-
-    The angle counts down, and the loop's rpm are 1.136 times those that the encoder's counts make.
-    """
-    columns = {"pump_angle": 6, "pump_speed": 10, "position": 14, "pressure_1": 2, "pressure_2": 3}
+    """Columns without names or units; the angle counts down, and the loop's rpm are 1.136 times those of the
+    encoder's counts."""
+    numbers = {"pump_angle": 6, "pump_speed": 10, "position": 14, "pressure_1": 2, "pressure_2": 3}
+    columns = {channel: f"ADC1_Channel_{k}" for channel, k in numbers.items()}
     paths = sorted(p for s in ("session_17oct", "session_18oct") for p in (bench / s).glob("*.csv"))
     assert len(paths) == 26
     for path in paths[::3]:
         found = propose(open_log(path), given=given_of(SCALES))
         assert not found.questions, path.name
         sources = {c: found.rows[c].source for c in columns}
-        assert {c: s.column for c, s in sources.items()} == {
-            c: f"ADC1_Channel_{k}" for c, k in columns.items()
-        }, path.name
+        assert {c: s.column for c, s in sources.items()} == columns, path.name
         angle, speed = sources["pump_angle"], sources["pump_speed"]
         assert (angle.sign, angle.wrap, angle.sign_of) == (-1, 4096.0, "ADC1_Channel_16"), path.name
         assert (speed.sign, speed.unit) == (1, "rpm") and speed.scale == pytest.approx(1.0 / 1.136, rel=2e-3)
@@ -96,11 +81,8 @@ def test_the_map_of_every_third_healthy_bench_run_has_the_same_channels_and_sign
 
 
 def test_bench_signs_and_gains(bench: Path, bench_map: ChannelMap) -> None:
-    """Test: the unloaded 50 mm run.
-
-    Expected: out with positive pump motion and pressure in chamber 1, back with negative motion and
-    pressure in chamber 2; retracting 1.35 to 1.55 times as far per radian.
-    """
+    """The unloaded 50 mm run goes out with positive pump motion and pressure in chamber 1, and back with
+    negative motion and pressure in chamber 2."""
     samples = read_log(bench / "session_18oct" / "exp_data_1_4.csv", bench_map).samples
     out = (samples.time > 4.5) & (samples.time < 7.0)
     back = (samples.time > 12.5) & (samples.time < 15.0)

@@ -13,6 +13,7 @@ from made_up_logs import frame, strokes
 from mcap.writer import Writer
 
 from fdd.logs import ChannelMap, DataQuality, Log, read_log
+from fdd.samples import Samples
 
 
 def read_frame(folder: Path, frame: pd.DataFrame) -> Log:
@@ -20,8 +21,8 @@ def read_frame(folder: Path, frame: pd.DataFrame) -> Log:
     return read_log(folder / "a.parquet")
 
 
-def noted(quality: DataQuality, *parts: str) -> None:
-    assert any(all(p in note for p in parts) for note in quality.notes), quality.notes
+def read_columns(folder: Path, samples: Samples, columns: dict[str, np.ndarray]) -> Log:
+    return read_frame(folder, pd.DataFrame({"time": samples.time, **columns}))
 
 
 def test_a_clean_log_has_nothing_to_note(tmp_path: Path) -> None:
@@ -85,7 +86,7 @@ def test_what_is_odd_is_counted_and_told(what: str, tmp_path: Path) -> None:
     q = log.quality
     assert (len(log.samples), q.dropped_samples, q.nan_samples, q.time_jumps) == counted
     for parts in notes:
-        noted(q, *parts)
+        assert any(all(p in note for p in parts) for note in q.notes), q.notes
     if what in ("packets", "a stamp later than the next"):
         np.testing.assert_allclose(log.samples.time, np.arange(8000) * 1e-3, atol=1e-9)
 
@@ -104,7 +105,7 @@ def test_a_drained_accumulator_is_a_fault_and_no_wrong_unit(tmp_path: Path) -> N
 
 
 def test_a_slower_topic_has_values_when_they_come(tmp_path: Path) -> None:
-    """Test: oil at 2 Hz from 0.4 s to 5 s. Expected: these ten values and none between."""
+    """Oil at 2 Hz from 0.4 s to 5 s: these ten values and none between."""
     samples = strokes(12_000)
     start = 1_700_000_000 * 10**9
     with (tmp_path / "a.mcap").open("wb") as stream:
@@ -114,9 +115,8 @@ def test_a_slower_topic_has_values_when_they_come(tmp_path: Path) -> None:
         oil = writer.register_channel("/rig/oil", "json", 0)
         for second in np.arange(0.4, 5.0, 0.5):
             # Written first: the order of the file is not the order of time.
-            writer.add_message(
-                oil, start + round(second * 1e9), json.dumps({"K": 313.15 + second}).encode(), 0
-            )
+            message = {"K": 313.15 + second}
+            writer.add_message(oil, start + round(second * 1e9), json.dumps(message).encode(), 0)
         for k in range(12_000):
             message = {"x": samples["position"][k], "w": samples["pump_speed"][k], "p": {"d": 1e3 + k % 9}}
             writer.add_message(daq, start + k * 10**6, json.dumps(message).encode(), 0)
@@ -137,17 +137,14 @@ def test_a_slower_topic_has_values_when_they_come(tmp_path: Path) -> None:
 
 
 def test_channels_that_take_turns_meet(tmp_path: Path) -> None:
-    """Test: pressures every fifth row, the position every fifth row too, never in the same.
-
-    Expected: rows at their rate with all of them, some between their measurements.
-    """
+    """Pressures every fifth row, the position every fifth row too, never in the same: rows at their rate."""
     samples = strokes(8000)
     columns = {n: v.copy() for n, v in samples.columns.items() if n != "pressure_difference"}
     row = np.arange(8000)
     for name in ("pressure_1", "pressure_2"):
         columns[name][row % 5 != 0] = np.nan
     columns["position"][row % 5 != 2] = np.nan
-    log = read_frame(tmp_path, pd.DataFrame({"time": samples.time, **columns}))
+    log = read_columns(tmp_path, samples, columns)
     at = np.flatnonzero(np.isin(np.round(samples.time, 6), np.round(log.samples.time, 6)))
     np.testing.assert_array_equal(at, row[row % 5 == at[0] % 5])
     inner = slice(10, -10)
@@ -160,14 +157,14 @@ def test_channels_that_take_turns_meet(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("how", ["held", "interpolated"])
 def test_rows_that_were_made_up_are_taken_out(how: str, tmp_path: Path) -> None:
-    """Test: a log at 500 Hz that was exported at 1 kHz. Expected: the 500 Hz log."""
+    """A log at 500 Hz that was exported at 1 kHz is read as the 500 Hz log."""
     samples = strokes(8000)
-    fresh, time = samples.time[::2], samples.time
+    fresh = samples.time[::2]
     columns = {}
     for name, values in samples.columns.items():
-        held = values[(np.arange(8000) // 2) * 2]
-        columns[name] = held if how == "held" else np.interp(time, fresh, values[::2])
-    log = read_frame(tmp_path, pd.DataFrame({"time": time, **columns}))
+        held = np.repeat(values[::2], 2)
+        columns[name] = held if how == "held" else np.interp(samples.time, fresh, values[::2])
+    log = read_columns(tmp_path, samples, columns)
     assert log.quality.period == pytest.approx(0.002) and len(log.samples) == pytest.approx(4000, abs=2)
     shared = np.isin(np.round(fresh, 6), np.round(log.samples.time, 6))
     assert shared.sum() > 3990
@@ -177,12 +174,12 @@ def test_rows_that_were_made_up_are_taken_out(how: str, tmp_path: Path) -> None:
 
 
 def test_rows_that_hold_a_speed_alone_are_left_out(tmp_path: Path) -> None:
-    """Test: 500 Hz on rows of 1 kHz, the speed but for its rounding held. Expected: the 500 Hz log."""
+    """500 Hz on rows of 1 kHz, the speed but for its rounding held, are read as the 500 Hz log."""
     samples, rng = strokes(8000), np.random.default_rng(3)
     columns = {n: np.interp(samples.time, samples.time[::2], v[::2]) for n, v in samples.columns.items()}
     columns["pump_speed"] = samples["pump_speed"] * (1.0 + 1e-14 * rng.normal(size=8000))
-    log = read_frame(tmp_path, pd.DataFrame({"time": samples.time, **columns}))
-    assert log.quality.period == pytest.approx(0.002)
-    assert np.isfinite(log.samples["position"]).mean() > 0.99
-    np.testing.assert_allclose(np.interp(log.samples.time, samples.time, columns["pump_speed"]),
-                               log.samples["pump_speed"], rtol=1e-9, atol=1e-9)  # fmt: skip
+    read = read_columns(tmp_path, samples, columns)
+    assert read.quality.period == pytest.approx(0.002)
+    assert np.isfinite(read.samples["position"]).mean() > 0.99
+    speed = np.interp(read.samples.time, samples.time, columns["pump_speed"])
+    np.testing.assert_allclose(speed, read.samples["pump_speed"], rtol=1e-9, atol=1e-9)

@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_logs import refused_log, strokes
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk, Header
 from mcap.writer import CompressionType, Writer
 
 from fdd.errors import InputError
@@ -104,10 +107,6 @@ def test_a_damaged_chunk_is_left_out_and_told(whole: bytes) -> None:
 
 
 def test_a_bomb_is_bounded(tmp_path: Path) -> None:
-    import zstandard
-    from mcap.data_stream import RecordBuilder
-    from mcap.records import Chunk, Header
-
     bomb = zstandard.compress(bytes(200_000_000))
     records = RecordBuilder()
     Header(profile="", library="").write(records)

@@ -1,4 +1,4 @@
-"""Proposed maps: names by language and trade, units, and signs that only the physics tells."""
+"""Proposed maps: names by language and trade, units, signs, and counts of which only the physics tells."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fdd import Scenario, simulate
+from fdd import Scenario, Unit, simulate
+from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.logs.channel_map import ChannelMap
 from fdd.logs.formats import open_log
 from fdd.logs.formats.signals import Signal
 from fdd.logs.mapping import Words, given_of, propose
+from fdd.logs.mapping.behaviour import counts_a_turn
 from fdd.logs.mapping.concepts import name_scores
 from fdd.measures import Measure, find_measure
 from fdd.samples import CHANNELS, Samples
@@ -58,7 +60,6 @@ def written(
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_every_channel_is_found_and_nothing_else(rig: str, log: Samples, tmp_path: Path) -> None:
-    """Test: a rig's names at 250 Hz. Expected: its channels; its values, where it tells their units."""
     path = tmp_path / "log.csv"
     names = written(log, RIGS[rig], path, every=4)
     found = propose(open_log(path))
@@ -87,19 +88,15 @@ TURNED = {
 
 @pytest.mark.parametrize("what", TURNED)
 def test_a_turned_sign_is_found_by_the_volume_balance(what: str, log: Samples, tmp_path: Path) -> None:
-    """Test: some channels with the other sign. Expected: channels that fit together as an actuator's do.
-
-    Pump and position turned together cannot be told from swapped chambers, and are read as these.
-    """
+    """Pump and position turned together cannot be told from swapped chambers, and are read as these."""
     written(log, RIGS["german table"], tmp_path / "log.csv", TURNED[what])
     found = propose(open_log(tmp_path / "log.csv"))
     read = read_log(tmp_path / "log.csv", found.channel_map()).samples
     mirrored = what == "pump and position"
     sign = -1 if mirrored else 1
     for channel in ("pump_speed", "command", "position", "pressure_difference"):
-        np.testing.assert_allclose(
-            read[channel], sign * log[channel], atol=2e-3 * np.nanmax(np.abs(log[channel]))
-        )
+        bound = 2e-3 * np.nanmax(np.abs(log[channel]))
+        np.testing.assert_allclose(read[channel], sign * log[channel], atol=bound)
     np.testing.assert_allclose(read["pressure_1"], log["pressure_2" if mirrored else "pressure_1"], rtol=1e-6)
     assert bool(found.notes) == (what != "the difference")
 
@@ -107,7 +104,7 @@ def test_a_turned_sign_is_found_by_the_volume_balance(what: str, log: Samples, t
 def test_sides_that_names_tell_turn_the_motion_and_a_sensors_name_tells_none(
     log: Samples, tmp_path: Path
 ) -> None:
-    """Test: pump and position turned. Expected: as the names say; "capteur", French for sensor, is no cap."""
+    """Pump and position turned; "capteur", French for sensor, is no cap."""
     rig = RIGS["capitals with units"]
     written(log, rig, tmp_path / "log.csv", PUMP + MOTION)
     found = propose(open_log(tmp_path / "log.csv"))
@@ -162,14 +159,129 @@ SUFFIXES = {"rig0": "csv", "rig1": "parquet", "rig2": "h5", "rig3": "mf4", "rig4
 
 
 @pytest.mark.parametrize("rig", SUFFIXES)
-def test_rigs_that_we_did_not_build(rig: str, shared: Path) -> None:
-    """Test: a rig's baseline. Expected: one question at most, and the map that its notes ask for."""
+def test_rigs_that_we_did_not_build(rig: str, rig_logs: Path) -> None:
+    """A rig's baseline gives one question at most, and the map that its notes ask for."""
     if rig == "rig3":
         pytest.importorskip("asammdf", reason="MDF files need the extra fdd[mdf]")
-    found = propose(open_log(shared / "rig_logs" / rig / f"baseline.{SUFFIXES[rig]}"))
+    found = propose(open_log(rig_logs / rig / f"baseline.{SUFFIXES[rig]}"))
     assert len(found.questions) == (rig == "rig4")
     if found.questions:
         found.answer(found.questions[0], "kPa")
     wanted = ChannelMap.load(Path(__file__).parents[2] / "examples" / f"{rig}.map.yaml").channels
     assert {c: r.source for c, r in found.rows.items()} == wanted
     assert (wanted["position"].sign == -1) == (rig == "rig3")
+
+
+SHAFTS = {
+    "axis A, steps on a spring": ("axis_a", "steps", "spring", 3, False),
+    "axis A, sines on a spring, a valve": ("axis_a", "sines", "spring", 5, True),
+    "axis B, steps under a weight, a valve": ("axis_b", "steps", "constant", 6, True),
+    "axis B, strokes on a spring": ("axis_b", "strokes", "spring", 8, False),
+}
+"""Profile, duty, load, seed; whether the pump turns one way and a valve gives the direction."""
+RPM_A_COUNT = 0.25
+PORTS = ("pressure_1", "pressure_2")
+
+
+def stripped(samples: Samples, path: Path, seed: int, *, one_way: bool) -> dict[str, str]:
+    """A log as a microcontroller writes it: counts, columns in any order; channels to columns.
+
+    The pump of `one_way` always counts down, and a valve's state says where the oil goes.
+    """
+    turned = samples["pump_angle"] / (2.0 * np.pi) * 4096.0
+    steps = np.diff(turned, prepend=turned[0])
+    if one_way:
+        turned = -np.cumsum(np.abs(steps))
+    counts = {
+        "pump_angle": np.floor(turned % 4096.0),
+        "pump_speed": np.round(samples["pump_speed"] * 30.0 / np.pi / RPM_A_COUNT),
+        "command": np.round(samples["command"] * 30.0 / np.pi / RPM_A_COUNT),
+        "position": np.round(samples["position"] / 1e-5) + 5000.0,
+        "position_setpoint": np.round(samples["position_setpoint"] / 1e-5) + 5000.0,
+        "pressure_1": np.round(samples["pressure_1"] / 2e3) + 120.0,
+        "pressure_2": np.round(samples["pressure_2"] / 2.5e3) + 80.0,
+        "current": np.round(100.0 * samples["motor_current"]) + 2048.0,
+        "duty": np.round(np.abs(samples["command"]) * 8.0),
+        "warmth": np.round(10.0 * samples["oil_temperature"]),
+    }
+    if one_way:
+        counts["valve"] = np.sign(np.where(steps == 0.0, samples["command"], steps))
+    order = [str(channel) for channel in np.random.default_rng(seed).permutation(list(counts))]
+    columns = {f"ch{k}": counts[channel] for k, channel in enumerate(order)}
+    pd.DataFrame({"time": np.arange(len(samples)), **columns}).to_csv(path, index=False)
+    return dict(zip(order, columns, strict=True))
+
+
+@pytest.mark.parametrize("rig", SHAFTS)
+def test_counts_without_names_are_read_but_for_their_scales(rig: str, tmp_path: Path) -> None:
+    """Position and pressures are to be named; with their scales given nothing is left to ask."""
+    unit, duty, load, seed, one_way = SHAFTS[rig]
+    scenario = Scenario(duration=30.0, seed=seed, duty={"name": duty}, load={"name": load})
+    log = simulate(Unit.load(unit), scenario).samples
+    path = tmp_path / "log.csv"
+    names = stripped(log, path, seed, one_way=one_way)
+    with pytest.raises(InputError, match="found no position"):
+        propose(open_log(path)).channel_map()
+    scales = [
+        f"position={names['position']}*0.01-50:mm",
+        f"position_setpoint={names['position_setpoint']}",
+        f"pressure_1={names['pressure_1']}*0.02-2.4:bar",
+        f"pressure_2={names['pressure_2']}*0.025-2:bar",
+    ]
+    found = propose(open_log(path), given=given_of(scales))
+    assert not found.questions
+    of_shaft = {"command", "pump_angle", "pump_speed"}
+    columns = {c: r.source.column for c, r in found.rows.items() if c != "time"}
+    assert columns == {c: names[c] for c in (*of_shaft, "position", "position_setpoint", *PORTS)}
+    read = read_log(path, ChannelMap.from_yaml(found.map_text("rig", None, "log.csv"))).samples
+    # Of the angle a count is lost or won at a reversal.
+    count = {"position": 1e-5, "position_setpoint": 1e-5, "pressure_1": 2e3, "pressure_2": 2.5e3}
+    for channel, digit in {"pump_angle": 0.05, **count}.items():
+        wanted, got = log[channel], read[channel]
+        if channel == "pump_angle":  # which is counted from the first row
+            wanted, got = wanted - wanted[0], got - got[0]
+        assert float(np.nanmax(np.abs(got - wanted)[100:-100])) < digit, channel
+    for channel in ("pump_speed", "command"):
+        slope = float(read[channel] @ log[channel] / (log[channel] @ log[channel]))
+        assert slope == pytest.approx(1.0, abs=0.01), channel
+
+
+def test_a_saw_tooth_is_an_angle_and_a_switch_or_a_spike_is_none() -> None:
+    rng = np.random.default_rng(1)
+    turned = np.cumsum(rng.uniform(5.0, 60.0, 20_000))
+    assert counts_a_turn(np.floor(turned % 4096.0)) == 4096.0
+    assert counts_a_turn(np.floor(-turned % 3600.0)) == 3600.0
+    assert counts_a_turn(turned / 100.0 % 360.0) == 360.0
+    assert counts_a_turn(np.sign(np.sin(turned / 500.0))) is None
+    assert counts_a_turn(rng.normal(size=20_000)) is None
+    spikes = np.zeros(20_000)
+    spikes[::500] = 4000.0
+    assert counts_a_turn(spikes + rng.normal(size=20_000)) is None
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("pressure_1=adc*0,5:bar", "the scale is no number"),
+        ("pressure_1=adc*0:bar", "the scale is no number"),
+        ("pressure_1=adc*1e999:bar", "the scale is no number"),
+        ("pressure_1=adc*0.5", "a scale without a unit"),
+        ("pressure_1=adc*0.5:mm", "mm"),
+        ("presure_1=adc", "no channel"),
+    ],
+)
+def test_what_a_user_says_is_read_strictly(option: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        given_of([option])
+    assert given_of(["pressure_1=adc*two:bar"])["pressure_1"].signal == "adc*two", "a name may hold a star"
+
+
+def test_a_scale_keeps_the_sign_that_was_found(log: Samples, tmp_path: Path) -> None:
+    """A position that counts backwards takes pumping's sign, and its offset with it."""
+    columns = {"time_s": log.time, "speed_rpm": log["pump_speed"] * 30.0 / np.pi,
+               "position": np.round(-1e5 * log["position"]) + 5000.0,
+               "p1_bar": log["pressure_1"] / 1e5, "p2_bar": log["pressure_2"] / 1e5}  # fmt: skip
+    pd.DataFrame(columns).to_csv(tmp_path / "log.csv", index=False)
+    found = propose(open_log(tmp_path / "log.csv"), given=given_of(["position=*0.01-50:mm"]))
+    read = read_log(tmp_path / "log.csv", found.channel_map()).samples
+    np.testing.assert_allclose(read["position"], log["position"], atol=1e-5)

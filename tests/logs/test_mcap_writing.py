@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_up_logs import ROWS, A, B, messages, of_topic, parts, refused, strokes
 from mcap.reader import make_reader
 
-from fdd.logs.mcap_writing import RunBlock, mcap_file, write_blocks, write_run
+from fdd.logs.mcap_writing import RunBlock, mcap_file, write_annotated, write_blocks, write_run
 from fdd.samples import CHANNELS, Samples
 
 cuts = st.lists(st.integers(0, ROWS), max_size=8)
@@ -88,9 +90,8 @@ def test_two_axes_in_any_blocks_and_any_order(first: list[int], second: list[int
 
 
 def test_the_schema_says_what_the_messages_hold(tmp_path: Path) -> None:
-    write_run(
-        tmp_path / "a.mcap", A, axis="a", truth={"leakage": np.ones(ROWS), "stuck": np.ones(ROWS, bool)}
-    )
+    truth = {"leakage": np.ones(ROWS), "stuck": np.ones(ROWS, bool)}
+    write_run(tmp_path / "a.mcap", A, axis="a", truth=truth)
     with (tmp_path / "a.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
@@ -151,3 +152,74 @@ def test_blocks_that_do_not_fit_are_refused_in_one_line(tmp_path: Path) -> None:
     assert "name each axis once" in write([], ("a", "a"))
     assert "topic" in write([], ("a/b",))
     assert list(tmp_path.iterdir()) == []
+
+
+FAULT = {
+    "fault": "internal_leakage", "ambiguity": ["internal_leakage", "pump_wear"], "confidence": 0.97,
+    "onset_s": 2.0, "detected_s": 2.9, "evidence": ["leakage rose to 9.8e-12 m³/(s·Pa)"],
+}  # fmt: skip
+ANSWER = json.dumps({"verdict": "faulty", "faults": [FAULT]})
+GAP = pytest.approx(np.nan, nan_ok=True)
+"""What stands where there is no value."""
+
+
+def test_everything_of_a_diagnosis_is_there(tmp_path: Path) -> None:
+    samples = strokes(5000)
+    row = np.arange(250)
+    trajectories = {
+        "time": samples.time[::20],
+        "estimates": {"ekf": {"leakage": np.full(250, 6e-12)}, "svsf": {"leakage": np.full(250, 7e-12)}},
+        "stds": {"ekf": {"leakage": np.where(row == 3, np.nan, 1e-13)}, "svsf": {}},
+        "observable": {"leakage": row > 9},
+        "held": {"leakage": np.where(row > 9, 6e-12, np.nan)},
+        "held_std": {"leakage": np.where(row > 9, 2e-13, np.nan)},
+        "information_std": {"leakage": np.where(row > 0, 3e-13, np.inf)},
+        "nis": {"ekf": np.ones(250)},
+        "window_time": np.arange(1.0, 5.0),
+        "feature_names": ["bias", "ripple"],
+        "features": np.arange(8.0).reshape(4, 2),
+        "statistic": np.arange(4.0),
+        "threshold": 12.0,
+        "probabilities": {"healthy": np.full(4, 0.25)},
+    }
+    path = tmp_path / "out.mcap"
+    write_annotated(path, samples, trajectories, ANSWER, axis="axis_a", unit_yaml="u: 1", start_ns=5 * 10**9)
+    by_topic: dict[str, list[dict]] = {}
+    for _, topic, fields in messages(path):
+        by_topic.setdefault(topic.removeprefix("/eha/axis_a/"), []).append(fields)
+    with path.open("rb") as stream:
+        metadata = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
+    assert by_topic.keys() == {"measurement", "estimate", "diagnosis", "events"}
+    assert [m["position"] for m in by_topic["measurement"]] == samples["position"].tolist()
+    assert messages(path)[0][0] == 5 * 10**9
+    assert metadata == {"unit": {"yaml": "u: 1"}, "diagnosis": {"json": ANSWER}}
+    estimate = by_topic["estimate"]
+    assert estimate[0] == {
+        "time": 0.0,
+        "ekf": {"leakage": 6e-12, "leakage_std": 1e-13, "nis": 1.0},
+        "svsf": {"leakage": 7e-12},
+        "observable": {"leakage": False},
+        "held": {"leakage": GAP},
+        "held_std": {"leakage": GAP},
+        "information_std": {"leakage": GAP},
+    }
+    assert estimate[10]["held"] == {"leakage": 6e-12} and estimate[10]["held_std"] == {"leakage": 2e-13}
+    assert estimate[1]["information_std"] == {"leakage": 3e-13}
+    assert estimate[3]["ekf"]["leakage_std"] == GAP and estimate[10]["observable"] == {"leakage": True}
+    assert by_topic["diagnosis"][1] == {
+        "time": 2.0, "statistic": 1.0, "threshold": 12.0,
+        "probabilities": {"healthy": 0.25}, "features": {"bias": 2.0, "ripple": 3.0},
+    }  # fmt: skip
+    onset, detected = by_topic["events"]
+    assert onset["timestamp"] == {"sec": 7, "nsec": 0} and onset["level"] == 3
+    assert detected["level"] == 4 and "internal_leakage or pump_wear detected" in detected["message"]
+    assert "9.8e-12 m³/(s·Pa)" in detected["message"]
+
+
+def test_without_trajectories_or_faults_there_is_the_measurement(tmp_path: Path) -> None:
+    write_annotated(tmp_path / "a.mcap", strokes(3000), {}, "{}", axis="a")
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert {c.topic for c in summary.channels.values()} == {"/eha/a/measurement"}
+    assert "topic" in refused(lambda: write_annotated(tmp_path / "a", strokes(9), {}, "{}", axis="a/b"))

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import base64
 import gzip
+import hashlib
 import json
+from collections.abc import Callable
 from html.parser import HTMLParser
 from typing import Any
 
+import numpy as np
+
+Make = Callable[..., Any]
+"""The factory of made-up reports, `case`."""
 EVIL = """<script>alert('x')</script><img src=x onerror=alert(1)>" onload="y' & </title></style>{{ 7*7 }}"""
 
 
@@ -45,6 +51,23 @@ class Page(HTMLParser):
     def figures(self) -> dict[str, Any]:
         return {f["id"]: f for f in json.loads(unpacked(self.scripts[0]))}
 
+    def script_policy(self) -> str:
+        """The scripts that the page's policy lets run."""
+        policy = next(c for c in self.attributes("content") if "default-src" in c)
+        assert "default-src 'none'" in policy
+        return policy.split("script-src ")[1].split(";")[0]
+
 
 def unpacked(text: str) -> bytes:
     return gzip.decompress(base64.b64decode(text))
+
+
+def hash_source(script: bytes) -> str:
+    """How a policy names a script."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script).digest()).decode()}'"
+
+
+def decoded(array: dict[str, str]) -> np.ndarray:
+    """The numbers of a trace."""
+    values = np.frombuffer(base64.b64decode(array["bdata"]), dtype="<" + array["dtype"]).astype(float)
+    return values.reshape([int(n) for n in array["shape"].split(",")]) if "shape" in array else values

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+
+import numpy as np
+from pages import Make
 
 from fdd.diagnosis.findings import Quality
 from fdd.report import tables
@@ -16,7 +17,7 @@ from fdd.unit import Unit
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-def test_a_fault_in_one_line(case: Callable[..., Any]) -> None:
+def test_a_fault_in_one_line(case: Make) -> None:
     diagnosis = case("faulty", rows=60_000).diagnosis
     words = verdict_words(diagnosis)
     assert words.headline == "Internal leakage or pump gear wear, since 20.3 s, severity 0.41, 97 % sure"
@@ -48,7 +49,7 @@ def test_each_family_has_the_probability_that_it_is_there(case: Callable[..., An
 
 
 def test_the_shares_of_a_group_reach_the_headline_and_the_less_likely_is_said_to_be(
-    case: Callable[..., Any],
+    case: Make,
 ) -> None:
     finding = case("faulty", rows=6_000).diagnosis.faults[0]
     finding.ambiguity = ["internal_leakage", "pump_wear", "oil_degradation"]
@@ -70,28 +71,22 @@ def test_severity_one_is_that_of_the_unit() -> None:
     assert severity_one("coupling_wear", lift) == severity_one("coupling_wear", None)
 
 
-def test_estimates_are_shown_in_everyday_units_with_their_change(case: Callable[..., Any]) -> None:
+def test_estimates_are_shown_in_everyday_units_with_their_change(case: Make) -> None:
     diagnosis = case("faulty", rows=6_000).diagnosis
     leakage, bulk = (diagnosis.estimates[name] for name in ("leakage", "bulk_modulus"))
     leakage.baseline, leakage.value, leakage.std = 6.5e-12, 9.75e-12, 1e-13
     bulk.observable, bulk.held, bulk.held_std, bulk.age_s = False, 3.2e8, 7e11, 4.0
     first, second, *_, last = estimate_rows(diagnosis)
-    assert (first["quantity"], first["value"], first["change"]) == (
-        "Leakage coefficient",
-        "9.75 ± 0.10",
-        "+50 %",
-    )
-    assert (second["quantity"], second["change"], second["held"]) == (
-        "Effective bulk modulus",
-        "not seen",
-        "",
-    )
+    told = (first["quantity"], first["value"], first["change"])
+    assert told == ("Leakage coefficient", "9.75 ± 0.10", "+50 %")
+    told = (second["quantity"], second["change"], second["held"])
+    assert told == ("Effective bulk modulus", "not seen", "")
     bulk.value = None
     second = estimate_rows(diagnosis)[1]
     assert (second["baseline"], second["value"], last["observable"]) == ("210", "–", "no")
 
 
-def test_what_the_log_could_not_tell(case: Callable[..., Any]) -> None:
+def test_what_the_log_could_not_tell(case: Make) -> None:
     diagnosis = case("healthy", rows=6_000).diagnosis
     assert tables.sensor_rows(diagnosis) == [("motor current", "missing, since 20.0 s")]
     hidden = [("coupling wear", "at any severity"), ("internal leakage", "below severity 0.07")]
@@ -101,7 +96,7 @@ def test_what_the_log_could_not_tell(case: Callable[..., Any]) -> None:
     assert (rows["Dropped samples"], rows["Samples with missing values"]) == ("100 (10 %)", "0")
 
 
-def test_inconclusive_says_why(case: Callable[..., Any]) -> None:
+def test_inconclusive_says_why(case: Make) -> None:
     diagnosis = case("inconclusive", rows=6_000).diagnosis
     assert diagnosis.quality.notes == []
     words = verdict_words(diagnosis)
@@ -116,7 +111,7 @@ def test_inconclusive_says_why(case: Callable[..., Any]) -> None:
     assert headline(diagnosis) == "Inconclusive: The axis never moved"
 
 
-def test_the_surest_of_several_faults_comes_first(case: Callable[..., Any]) -> None:
+def test_the_surest_of_several_faults_comes_first(case: Make) -> None:
     diagnosis = case("faulty", rows=6_000).diagnosis
     update = {"fault": "aeration", "ambiguity": [], "confidence": 0.99, "onset_s": 1.0, "severity": None}
     diagnosis.faults.append(diagnosis.faults[0].model_copy(update=update))
@@ -137,8 +132,6 @@ def test_shares_never_claim_certainty_and_spans_and_values_are_rounded() -> None
     assert {share: percent(share) for share in shares} == shares and percent(float("nan")) == "–"
     spans = {4.51: "4.5 s", 60.0: "60 s", 1500.0: "25 min", 7200.0: "2.0 h"}
     assert {seconds: span(seconds) for seconds in spans} == spans
-    assert with_std(9.8123, 0.1049) == "9.81 ± 0.10"
-    assert with_std(-209.7, 12.2) == "−210 ± 12"
-    assert with_std(None, 1.0) == "–"
-    assert with_std(5.0, float("inf")) == "5"
-    assert number(float("nan")) == "–"
+    values = {(9.8123, 0.1049): "9.81 ± 0.10", (-209.7, 12.2): "−210 ± 12", (5.0, np.inf): "5"}
+    assert {value: with_std(*value) for value in values} == values
+    assert with_std(None, 1.0) == "–" == number(float("nan"))

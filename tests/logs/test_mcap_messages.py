@@ -5,20 +5,23 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from made_up_logs import mcap_of, refused, refused_log
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType, IndexType, Writer
 
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats import open_log
 
 N = 300
-TIME = np.arange(N) * 1e-3
-RNG = np.random.default_rng(11)
 ROS2 = """std_msgs/Header header
 string label
 Motor motor
@@ -70,13 +73,14 @@ def test_reading_ros2_messages_of_any_shape(benchmark: Any, tmp_path: Path) -> N
             writer.write_message("/daq", schema, ros_message(k), log_time=k * 10**6, publish_time=0)
         writer.finish()
     log = open_log(tmp_path / "a.mcap")
-    names = ["motor.speed", "motor.counts", "pressures[1]", "extra[0]", "running", "mode"]
-    names += ["position", "header.stamp"]
-    assert {f"/daq.{n}" for n in names} <= set(log.signals)
-    read = benchmark(log.read, [f"/daq.{n}" for n in names])
     k = np.arange(N)
-    wanted = (0.5 * k, -(2.0**40) - k, 2e5 - k, 0.25 * k, k % 2 == 0, -3.0 + 0 * k, 1e-3 * k, 7 + 1e-3 * k)
-    for name, values in zip(names, wanted, strict=True):
+    wanted = {
+        "motor.speed": 0.5 * k, "motor.counts": -(2.0**40) - k, "pressures[1]": 2e5 - k, "extra[0]": 0.25 * k,
+        "running": k % 2 == 0, "mode": -3.0 + 0 * k, "position": 1e-3 * k, "header.stamp": 7 + 1e-3 * k,
+    }  # fmt: skip
+    assert {f"/daq.{n}" for n in wanted} <= set(log.signals)
+    read = benchmark(log.read, [f"/daq.{n}" for n in wanted])
+    for name, values in wanted.items():
         np.testing.assert_allclose(read[f"/daq.{name}"], values, rtol=1e-12, err_msg=name)
     channel_map = ChannelMap.from_yaml(
         "position: {topic: /daq, field: position}\npump_speed: {topic: /daq, field: motor.speed}\n"
@@ -90,10 +94,8 @@ def test_ros2_in_the_other_byte_order_and_ros1(tmp_path: Path) -> None:
     text = b"uint8 a\nfloat64 x\nint16 b\nfloat32[] c\n"
     big, ros1 = [], []
     for k in range(N):
-        big.append(
-            b"\0\0\0\0" + struct.pack(">B7xdhxx", k % 256, 0.5 * k, -k) + struct.pack(">Iff", 2, 1.5 * k, 9.0)
-        )
-        ros1.append(struct.pack("<BdhI", k % 256, 0.5 * k, -k, 2) + struct.pack("<ff", 1.5 * k, 9.0))
+        big.append(b"\0\0\0\0" + struct.pack(">B7xdhxxIff", k % 256, 0.5 * k, -k, 2, 1.5 * k, 9.0))
+        ros1.append(struct.pack("<BdhIff", k % 256, 0.5 * k, -k, 2, 1.5 * k, 9.0))
     for encoding, kind, messages in (("cdr", "ros2msg", big), ("ros1", "ros1msg", ros1)):
         path = mcap_of(tmp_path / f"{encoding}.mcap", messages, "/daq", encoding, ("p/msg/T", kind, text))
         read = open_log(path).read(["/daq.x", "/daq.b", "/daq.c[0]", "/daq.c[1]"])
@@ -146,14 +148,13 @@ def test_reading_protobuf_messages(benchmark: Any, tmp_path: Path) -> None:
 def test_a_cut_protobuf_message_is_told(tmp_path: Path) -> None:
     kind, schema = protobuf_schema()
     whole = kind(d=1.5, s64=-1).SerializeToString()
-    path = mcap_of(
-        tmp_path / "a.mcap", [whole, whole[:7]], "/daq", "protobuf", ("rig.Daq", "protobuf", schema)
-    )
+    damaged = [whole, whole[:7]]
+    path = mcap_of(tmp_path / "a.mcap", damaged, "/daq", "protobuf", ("rig.Daq", "protobuf", schema))
     assert "a Protobuf message is damaged" in refused(lambda: open_log(path).read(["/daq.d"]))
 
 
 def test_reading_json_of_every_make_up(benchmark: Any, tmp_path: Path) -> None:
-    """Test: messages over several lines, absent and null members, lists, NaN. Expected: json's own values."""
+    """Messages over several lines, absent and null members, lists, NaN."""
     objects: list[dict[str, Any]] = [
         {"x": 0.5 * k, "p": {"a": k, "list": [k, 2.0]}, "on": k % 2 == 0, **({} if k % 3 else {"rare": None})}
         for k in range(N)
@@ -181,3 +182,99 @@ def test_what_cannot_be_read_says_why(tmp_path: Path) -> None:
     ):
         path = mcap_of(tmp_path / "a.mcap", [b"\0\1\0\0" * 4] * 3, "/daq", encoding, schema)
         assert said in refused_log(path, wanted)
+
+
+CONTENTS = {"nothing": 0, "attachment": 0, "metadata": 0, "message": 1, "schemaless": 1, "messages": 10}
+OPTIONS = ("use_chunking", "repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets")
+NOT_PADDED = (Opcode.FOOTER, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+"""Records whose length tells how long their last field is, or that the format says are not extended."""
+
+
+class Padded:
+    """The library's record builder, which adds bytes to records and writes records that nobody knows."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        start, finish = RecordBuilder.start_record, RecordBuilder.finish_record
+
+        def started(builder: Any, opcode: Opcode) -> None:
+            if opcode in (Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT):
+                builder.write(struct.pack("<BQ", 0x7F, 3) + b"new" + struct.pack("<BQ", 0x80, 0))
+            builder.padded = opcode not in NOT_PADDED
+            start(builder, opcode)
+
+        def finished(builder: Any) -> None:
+            if builder.padded:
+                builder.write(b"\x01\x02\x03\x04")
+            finish(builder)
+
+        patch.setattr(RecordBuilder, "start_record", started)
+        patch.setattr(RecordBuilder, "finish_record", finished)
+
+
+def case(path: Path, content: str, how: dict[str, Any]) -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=200, **how)
+        writer.start(profile="x", library="y")
+        if content == "attachment":
+            writer.add_attachment(2, 1, "a", "text/plain", b"\x01\x02\x03")
+        if content == "metadata":
+            writer.add_metadata("m", {"foo": "bar"})
+        if CONTENTS[content]:
+            schema = 0 if content == "schemaless" else writer.register_schema("t", "jsonschema", b"{}")
+            channel = writer.register_channel("/daq", "json", schema, {"foo": "bar"})
+            for k in range(CONTENTS[content]):
+                writer.add_message(channel, 10 * k, json.dumps({"x": 0.5 * k}).encode(), 0)
+        writer.finish()
+
+
+@pytest.mark.parametrize("content", CONTENTS)
+def test_all_options_are_read(content: str, tmp_path: Path) -> None:
+    """All combinations of the format's options, as in MCAP's own conformance cases; half of them padded."""
+    path = tmp_path / "case.mcap"
+    compressions = itertools.cycle(CompressionType)
+    for k, flags in enumerate(itertools.product((False, True), repeat=len(OPTIONS) + 1)):
+        with pytest.MonkeyPatch.context() as patch:
+            if k.bit_count() % 2:
+                Padded(patch)
+            how = dict(zip(OPTIONS, flags, strict=False))
+            index = IndexType.ALL if flags[-1] else IndexType.NONE
+            crcs = {"enable_crcs": k % 2 == 0, "enable_data_crcs": k % 5 == 0}
+            case(path, content, {**how, **crcs, "index_types": index, "compression": next(compressions)})
+            told, count = open_log(path), CONTENTS[content]
+            assert list(told.signals) == (["/daq.x"] if count else []), how
+            assert told.metadata == ({"m": {"foo": "bar"}} if content == "metadata" else {}), how
+            if count:
+                np.testing.assert_array_equal(told.read(["/daq.x"])["/daq.x"], 0.5 * np.arange(count))
+                stamps = told.stamps("/daq")
+                assert stamps is not None
+                np.testing.assert_allclose(stamps, 1e-8 * np.arange(count))
+            assert not told.truncated and not getattr(told, "damaged", 0), how
+
+
+def test_messages_without_fields_refuse_nothing(tmp_path: Path) -> None:
+    """Their topics have stamps and no signals; the fields behind an empty one are at their place."""
+    inner = b"std_msgs/Empty e\nuint8 a\n" + b"=" * 80 + b"\nMSG: std_msgs/Empty\n"
+    path = tmp_path / "empty.mcap"
+    kinds = {
+        "/cdr": ("cdr", "std_msgs/msg/Empty", "ros2msg", b"", b"\0\1\0\0\0"),
+        "/constants": ("cdr", "p/msg/C", "ros2msg", b"uint8 A=1  # is no field\n", b"\0\1\0\0\0"),
+        "/ros1": ("ros1", "std_msgs/Empty", "ros1msg", b"", b""),
+        "/json": ("json", "e", "jsonschema", b"", b"{}"),
+        "/inside": ("cdr", "p/msg/T", "ros2msg", inner, b"\0\1\0\0\0\7"),
+        "/inside1": ("ros1", "p/T", "ros1msg", inner, b"\7"),
+    }
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        for topic, (encoding, name, kind, schema, message) in kinds.items():
+            channel = writer.register_channel(topic, encoding, writer.register_schema(name, kind, schema))
+            for k in range(3):
+                writer.add_message(channel, k * 10**6, message, 0)
+        writer.finish()
+    told = open_log(path)
+    assert list(told.signals) == ["/inside.a", "/inside1.a"] and set(told.topics) == set(kinds)
+    assert not getattr(told, "reasons", None)
+    assert [v.tolist() for v in told.read(told.signals).values()] == [[7.0] * 3] * 2
+    for topic in kinds:
+        stamps = told.stamps(topic)
+        assert stamps is not None and stamps.tolist() == [0.0, 1e-3, 2e-3]
