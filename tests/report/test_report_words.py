@@ -37,7 +37,7 @@ def test_a_fault_in_one_line(case: Make) -> None:
     assert finding_words(finding).place == "Where and how: pressure 1."
 
 
-def test_each_family_has_the_probability_that_it_is_there(case: Callable[..., Any]) -> None:
+def test_each_family_has_the_probability_that_it_is_there(case: Make) -> None:
     """A second fault of 96 % was listed at the 1 % that the first leaves it."""
     diagnosis = case("faulty", rows=60_000).diagnosis
     (first,) = diagnosis.faults
