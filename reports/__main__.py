@@ -8,10 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
+from fdd.campaign.units import How, over_units
 from fdd.cli.console import counted
 from fdd.cli.failures import Commands, prepare_process
 from fdd.cli.options import EngineOption, WorkersOption
-from reports import datasets, disturbed
+from fdd.diagnosis.model import Model
+from reports import datasets
 from reports.estimators.report import estimators
 from reports.live.report import load, outage, soak
 from reports.plant.report import plant
@@ -31,7 +33,7 @@ for command in (thesis, plant, estimators, load, outage, soak, troubles):
     app.command()(command)
 
 
-def of_data_set(measure: Callable[..., Any], table: Callable[[Any], str], words: str) -> None:
+def of_data_set(measure: Callable[..., list[Any]], table: Callable[[Any], str], words: str) -> None:
     """Add a command that measures something of each unit of a data set and prints a table."""
 
     def command(
@@ -39,7 +41,8 @@ def of_data_set(measure: Callable[..., Any], table: Callable[[Any], str], words:
         engine: EngineOption = "local",
     ) -> None:  # fmt: skip
         with counted(dataset.name) as advance:
-            found = measure(dataset, model, workers=workers, engine=engine, progress=advance)
+            how = How(workers=workers, engine=engine, progress=advance)
+            found = over_units(measure, [dataset], Model.load(model), **how)
         print(table(found), end="")
 
     app.command(measure.__name__.replace("_", "-"), help=words)(command)
@@ -52,7 +55,7 @@ for measure, table, words in (
      "Identify each unit from its data sheet: refusals, and do deviations come true?"),
     (datasets.scales, datasets.scales_table,
      "Read healthy logs in wrong units of measure: refused, or warned of?"),
-    (disturbed.disturbed, disturbed.table, "Compare answers on logs cut, holed or mirrored."),
+    (datasets.disturbed, datasets.disturbed_table, "Compare answers on logs holed, resampled or mirrored."),
     (datasets.left_out, datasets.left_out_table, "Diagnose faulty logs without their fault's signatures."),
 ):  # fmt: skip
     of_data_set(measure, table, words)

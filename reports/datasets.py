@@ -1,23 +1,30 @@
-"""What is measured of each unit of a data set: losses, identification, slips of units, faults left out."""
+"""What is measured of each unit of a data set: losses, identification, slips of units, faults left out, and
+whether answers depend on what must not matter: a hole in a log, its rate, which end is forward.
+
+That a log may be pushed in blocks, and that one early row matters nothing, `pytest tests/diagnosis` checks.
+"""
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
-from typing import Unpack
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.scores import wilson
 from fdd.campaign.spreads import healthy_logs
 from fdd.campaign.train import identified_unit
-from fdd.campaign.units import How, over_units
+from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.departures import VAGUE, departures
 from fdd.diagnosis.evidence import Evidence
+from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -28,22 +35,20 @@ from fdd.identification.from_logs import identify_logs
 from fdd.identification.log_scales import check_scales
 from fdd.identification.own_scales import difference_is_made
 from fdd.identification.profile import Identification
-from fdd.markdown import table
+from fdd.logs import ChannelMap, read_log
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.oil import modulus_at, viscosity
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
+from reports.writing import render
 
 LEAST_SEVERITY = 0.3
 TOLD = 0.3
 """Information of a coefficient in a log over that of its spread, from which its departure says something."""
-LEAST_LOGS, FARTHEST = 30, 12
-BEYOND = 3.0
 
 
-@dataclass(frozen=True)
-class Said:
+class Said(NamedTuple):
     """One log's answer. score : of the whole log. faults : answered, the surest first, with groups."""
 
     entry: Entry
@@ -57,8 +62,7 @@ class Said:
         return bool(self.faults) and any(f.fault in self.faults[0][1] for f in self.entry.faults)
 
 
-@dataclass(frozen=True)
-class Departure:
+class Departure(NamedTuple):
     """A coefficient of a healthy log over what is stated."""
 
     balance: str
@@ -68,12 +72,15 @@ class Departure:
     file: str
 
 
-def budget(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Said | Departure]:
-    """Answers on all logs, and departures of all healthy logs and twins from their units' baselines."""
-    return over_units(_unit, [directory], Model.load(model), **how)
+def diagnosed(unit: Unit, log: Samples, model: Model, without: tuple[str, ...] = ()) -> Diagnosis:
+    """The answer on a whole log, of the catalogue but for the faults `without`."""
+    pipeline = Pipeline(unit, model, keep_trajectories=False, without=without)
+    pipeline.push(log)
+    return pipeline.finish()
 
 
-def _unit(data: Dataset, name: str, model: Model) -> list[Said | Departure]:
+def budget(data: Dataset, name: str, model: Model) -> list[Said | Departure]:
+    """Answers on all logs, and departures of all healthy logs and twins from the unit's baseline."""
     logs = healthy_logs(data, name, model.spreads)
     out: list[Said | Departure] = []
     for entry in data.logs_of(name):
@@ -112,62 +119,31 @@ def _departures(file: str, history: BalanceHistory) -> list[Departure]:
 
 def budget_table(found: Sequence[Said | Departure]) -> str:
     """Where visible faults are lost, and what healthy logs differ by (Markdown)."""
-    said = [x for x in found if isinstance(x, Said)]
-    return "\n".join([*_faults(said), *_healthy([x for x in found if isinstance(x, Departure)])]) + "\n"
+    faults, healthy = [], []
+    for s in (x for x in found if isinstance(x, Said)):
+        faulty = s.verdict == "faulty"
+        if not s.entry.faults:
+            healthy.append({"file": s.entry.file, "score": s.score, "faulty": faulty})
+        elif len(s.entry.faults) == 1 and s.entry.visible and s.entry.faults[0].severity >= LEAST_SEVERITY:
+            true = s.entry.faults[0]
+            faults.append({
+                "all": "", "onset": "from the first sample" if true.onset_s <= 0.0 else "inside",
+                "course": true.profile, "fault": true.fault.replace("_", " "), "load": s.entry.scenario.load,
+                "structure": s.entry.structure, "faulty": faulty, "named": faulty and s.named,
+            })  # fmt: skip
+    off = pd.DataFrame([x for x in found if isinstance(x, Departure)], columns=Departure._fields)
+    sound = pd.DataFrame(healthy, columns=["file", "score", "faulty"])
+    return printed("budget", least=LEAST_SEVERITY, faults=pd.DataFrame(faults), healthy=sound, off=off)
 
 
-def _faults(said: Sequence[Said]) -> list[str]:
-    healthy = [s for s in said if not s.entry.faults]
-    mine = [
-        s for s in said
-        if len(s.entry.faults) == 1 and s.entry.visible and s.entry.faults[0].severity >= LEAST_SEVERITY
-    ]  # fmt: skip
-    by: list[tuple[str, Callable[[Said], str]]] = [
-        ("all", lambda s: ""),
-        ("onset", lambda s: "from the first sample" if s.entry.faults[0].onset_s <= 0.0 else "inside"),
-        ("course", lambda s: s.entry.faults[0].profile),
-        ("fault", lambda s: s.entry.faults[0].fault.replace("_", " ")),
-        ("load", lambda s: s.entry.scenario.load),
-        ("structure", lambda s: s.entry.structure),
-    ]
-    rows = []
-    for title, of in by:
-        groups = defaultdict[str, list[Said]](list)
-        for s in mine:
-            groups[of(s)].append(s)
-        for name, each in sorted(groups.items()):
-            rows.append([
-                title, name, wilson(sum(s.verdict == "faulty" for s in each), len(each)),
-                wilson(sum(s.verdict == "faulty" and s.named for s in each), len(each)),
-            ])  # fmt: skip
-    alarmed = sum(s.verdict == "faulty" for s in healthy)
-    highest = sorted(healthy, key=lambda s: -s.score)[:FARTHEST]
-    largest = [f"{s.entry.file} {s.score:.1f}" for s in highest]
-    return [
-        f"Visible single faults of severity {LEAST_SEVERITY:g} and more; healthy logs called faulty: "
-        f"{wilson(alarmed, len(healthy))}\n",
-        *table(["by", "", "faulty", "named"], rows),
-        f"Healthy logs with the largest scores: {', '.join(largest)}\n",
-    ]
+def printed(name: str, **found: Any) -> str:
+    """A command's section (Markdown)."""
+    return render(Path(__file__).with_name("datasets.md.j2"), name, share=share, **found)
 
 
-def _healthy(found: Sequence[Departure]) -> list[str]:
-    groups = defaultdict[tuple[str, str], list[Departure]](list)
-    for d in found:
-        groups[d.balance, d.coefficient].append(d)
-    rows = []
-    for (balance, coefficient), each in groups.items():
-        if len(each) < LEAST_LOGS:
-            continue
-        z = np.array([d.z for d in each])
-        far = max(each, key=lambda d: abs(d.z))
-        rows.append([
-            balance, coefficient, str(len(each)), f"{1.4826 * np.median(np.abs(z)):.2f}",
-            f"{np.sqrt(np.mean(z**2)):.2f}", wilson(int(np.sum(np.abs(z) > BEYOND)), len(each)),
-            f"{np.median([d.stated for d in each]):.3g}", f"{far.file} {far.z:+.1f}",
-        ])  # fmt: skip
-    head = ["balance", "coefficient", "logs", "median", "rms", "beyond 3 std", "stated", "farthest"]
-    return ["\nHealthy departures over what is stated\n", *table(head, rows)]
+def share(hits: pd.Series[bool]) -> str:
+    """How many hold, with its interval."""
+    return wilson(int(hits.sum()), len(hits))
 
 
 SINGLE_ROD = 0.95
@@ -183,50 +159,41 @@ NEAR = 0.02
 """Relative error of travel per rad and area ratio of a single rod that a diagnosis stands."""
 
 
-@dataclass(frozen=True)
-class Told:
-    """What was identified of one unit from its baseline runs and its data sheet, as `fdd identify` does.
-
-    `refusals`: why the command refuses. `single_rod`: whether one rod stands on one side. `travel`, `ratio`:
-    travel per rad of the pump and area ratio over the true ones. `departures`: (identified - true) / std.
-    """
+class Told(NamedTuple):
+    """What `fdd identify` makes of one unit's baseline runs and data sheet: why it refuses, departures
+    (identified - true) / std, and travel per rad of the pump and area ratio over the true ones."""
 
     unit: str
     structure: str
-    refusals: tuple[str, ...]
     single_rod: bool
+    refusals: tuple[str, ...]
+    departures: dict[str, float]
     travel: float = np.nan
     ratio: float = np.nan
-    departures: dict[str, float] = field(default_factory=dict)
 
 
-def identification(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Told]:
-    """What the command makes of each unit's baseline runs.
+def identification(data: Dataset, name: str, model: Model) -> list[Told]:
+    """What `fdd identify` makes of the unit's baseline runs.
 
-    Raises `InputError`: not a data set, or one without baseline runs.
+    Raises `InputError`: a data set without baseline runs.
     """
-    data = Dataset.load(directory)
-    if not all(data.manifest.baselines.values()):
+    if not data.baseline_files(name):
         mend = "set baseline: true in the recipe"
         raise InputError("data set without baseline runs", where=data.directory, mend=mend)
-    return over_units(_identified, [directory], **how)
-
-
-def _identified(data: Dataset, name: str) -> list[Told]:
     sheet, true = data.base_unit(name), data.true_unit(name)
     structure = next(e.structure for e in data.logs if e.unit == name)
     single = true.cylinder.area_2 < SINGLE_ROD * true.cylinder.area_1
     try:
         made = identify_logs(data.baseline_files(name), sheet, accept=True)
     except InputError as error:
-        return [Told(name, structure, (str(error),), single)]
+        return [Told(name, structure, single, (str(error),), {})]
     reachable = counted(true, sheet)
-    (travel, ratio), (true_travel, true_ratio) = (
-        (u.pump.displacement / u.cylinder.area_1, u.cylinder.area_2 / u.cylinder.area_1)
+    found, wanted = (
+        np.array([u.pump.displacement, u.cylinder.area_2]) / u.cylinder.area_1
         for u in (made.found.unit, reachable)
     )
-    refusals, off = tuple(made.judged.refusals), standardised(made.found, reachable)
-    return [Told(name, structure, refusals, single, travel / true_travel, ratio / true_ratio, off)]
+    off = standardised(made.found, reachable)
+    return [Told(name, structure, single, tuple(made.judged.refusals), off, *(found / wanted).tolist())]
 
 
 def counted(true: Unit, sheet: Unit) -> Unit:
@@ -276,27 +243,8 @@ def standardised(found: Identification, true: Unit) -> dict[str, float]:
 
 def identification_table(told: list[Told]) -> str:
     """The section of a report (Markdown)."""
-    refused = [t for t in told if t.refusals]
-    single = [t for t in told if t.single_rod]
-    near = sum(abs(t.travel - 1.0) < NEAR and abs(t.ratio - 1.0) < NEAR for t in single)
-    rows = []
-    for quantity in dict.fromkeys(q for t in told for q in t.departures):
-        z = np.array([t.departures[quantity] for t in told if quantity in t.departures])
-        beyond = [wilson(int(np.sum(np.abs(z) > k)), z.size) for k in (2.0, 3.0)]
-        rows.append([quantity, f"{np.sqrt(np.mean(z**2)):.2f}", f"{np.median(z):+.2f}", *beyond])
-    lines = [
-        "\n## Identification of sound units from their own data sheets\n",
-        f"Refused: {wilson(len(refused), len(told))}\n",
-        *(f"- {t.unit} ({t.structure}): {'; '.join(t.refusals)}" for t in refused),
-        f"\nSingle rods with travel per rad and area ratio within {NEAR:.0%}: {wilson(near, len(single))}\n",
-        *table(
-            ["single rod", "structure", "travel per rad over the true one", "area ratio over the true one"],
-            [[t.unit, t.structure, f"{t.travel:.4f}", f"{t.ratio:.4f}"] for t in single],
-        ),
-        "\n(Identified - true) / std of all units:\n",
-        *table(["quantity", "rms", "median", "beyond 2", "beyond 3"], rows),
-    ]
-    return "\n".join(lines) + "\n"
+    departures = pd.DataFrame([t.departures for t in told])
+    return printed("identification", told=pd.DataFrame(told), departures=departures, near=NEAR)
 
 
 CHAMBERS = ("pressure_1", "pressure_2")
@@ -314,12 +262,8 @@ SLIPS: dict[str, tuple[float, tuple[str, ...]]] = {
 SWAPPED, SOUND = "chambers swapped", "as it is"
 
 
-def scales(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[tuple[str, str]]:
+def scales(data: Dataset, unit: str, model: Model) -> list[tuple[str, str]]:
     """Slip and what is said of it (passed, warned, refused), for each healthy log and slip it can have."""
-    return over_units(_scales_said, [directory], **how)
-
-
-def _scales_said(data: Dataset, unit: str) -> list[tuple[str, str]]:
     profile, out = identified_unit(data, unit), []
     for entry in data.logs_of(unit):
         log = data.samples(entry) if entry.healthy else data.twin(entry)
@@ -352,56 +296,175 @@ def slipped(log: Samples) -> dict[str, Samples]:
 
 def scales_table(found: list[tuple[str, str]]) -> str:
     """The report (Markdown)."""
-    rows = []
-    for slip in (*SLIPS, SWAPPED, SOUND):
-        said = [what for name, what in found if name == slip]
-        shares = (wilson(said.count(x), len(said)) for x in ("refused", "warned"))
-        rows.append([slip, str(len(said)), *shares])
-    return "\n".join(table(["log", "logs", "refused", "warned of"], rows)) + "\n"
+    frame = pd.DataFrame(found, columns=["slip", "said"])
+    return printed("scales", found=frame, slips=[*SLIPS, SWAPPED, SOUND])
 
 
 SAID = ("nothing", "unknown", "a neighbour", "another")
 
 
-def left_out(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[tuple[str, str]]:
+def left_out(data: Dataset, unit: str, model: Model) -> list[tuple[str, str]]:
     """Fault and what was said without it (of `SAID`), for each log with one fault that balances tell of.
 
     A neighbour is one that the whole catalogue's answer names as well, as the same log's ambiguity group.
     """
-    return over_units(_left_out_said, [directory], Model.load(model), **how)
-
-
-def _left_out_said(data: Dataset, unit: str, model: Model) -> list[tuple[str, str]]:
-    profile, out = identified_unit(data, unit), []
+    profile, said = identified_unit(data, unit), []
     for entry in data.logs_of(unit):
         if len(entry.faults) != 1 or not CATALOGUE[entry.faults[0].fault].signatures:
             continue
-        true, log, named = entry.faults[0].fault, data.samples(entry), []
-        for without in ((), (true,)):
-            pipeline = Pipeline(profile, model, keep_trajectories=False, without=without)
-            pipeline.push(log)
-            named.append(pipeline.finish().faults[:1])
-        whole, rest = named
+        true, log = entry.faults[0].fault, data.samples(entry)
+        whole, rest = (diagnosed(profile, log, model, out).faults[:1] for out in ((), (true,)))
         group = {g for f in whole for g in f.ambiguity}
-        if not rest:
-            out.append((true, "nothing"))
-        elif rest[0].fault == "unknown":
-            out.append((true, "unknown"))
+        if not rest or rest[0].fault == "unknown":
+            said.append((true, "unknown" if rest else "nothing"))
         else:
-            out.append((true, "a neighbour" if group & {*rest[0].ambiguity} else "another"))
-    return out
+            said.append((true, "a neighbour" if group & {*rest[0].ambiguity} else "another"))
+    return said
 
 
 def left_out_table(said: list[tuple[str, str]]) -> str:
     """The section of a report (Markdown)."""
-    count, kinds = Counter(said), sorted({k for k, _ in said})
-    rows = [[kind.replace("_", " "), *(str(count[kind, s]) for s in SAID)] for kind in kinds]
-    answered = [s for _, s in said if s != "nothing"]
-    right = sum(s != "another" for s in answered)
-    lines = [
-        "\n## Kinds that the catalogue does not have\n\nEach log with one fault, diagnosed without that "
-        "fault's signatures.\n",
-        *table(["left out", *SAID], rows),
-        f"Unknown or a neighbour, of those with a finding: {wilson(right, len(answered))}",
-    ]
-    return "\n".join(lines) + "\n"
+    return printed("left_out", found=pd.DataFrame(said, columns=["fault", "said"]), kinds=SAID)
+
+
+Disturbance = Callable[[Samples, np.random.Generator], Samples | None]
+"""A disturbed log; None where it cannot be disturbed so."""
+
+HOLE_S, HEAD_S = 0.05, 5.0
+NEAR_S = 1.0
+"""s within which two onsets are the same: two frames."""
+TURNED = ("command", "pump_angle", "pump_speed", "position", "pressure_difference", "motor_current",
+          "position_setpoint", "load_force")  # fmt: skip
+EXCHANGED = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
+
+
+def _kept(log: Samples, keep: NDArray[np.bool_]) -> Samples:
+    return Samples(log.time[keep], {c: log[c][keep] for c in log.channels})
+
+
+def holed(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log without 50 ms somewhere."""
+    start = rng.uniform(log.time[0], log.time[-1] - HOLE_S)
+    return _kept(log, (log.time < start) | (log.time >= start + HOLE_S))
+
+
+def sampled(log: Samples, time: NDArray[np.float64]) -> Samples:
+    """A log whose recorder took its samples at other times: speeds are means since the sample before."""
+    out = {}
+    for channel in log.channels:
+        there = np.isfinite(log[channel])
+        known, values = log.time[there], log[channel][there]
+        if channel == "pump_speed":
+            turned = np.concatenate(([0.0], np.cumsum(values[1:] * np.diff(known))))
+            steps = np.diff(np.interp(time, known, turned)) / np.diff(time)
+            out[channel] = np.concatenate((values[:1], steps))
+        else:
+            out[channel] = np.interp(time, known, values)
+    return Samples(time, out)
+
+
+def at_rate(rate: float) -> Disturbance:
+    """A log that was recorded at another rate (Hz), of no more than twice its own."""
+
+    def resampled(log: Samples, rng: np.random.Generator) -> Samples | None:
+        own = 1.0 / float(np.median(np.diff(log.time)))
+        same = abs(rate - own) < 1.0 or rate > 2.1 * own
+        return None if same else as_read(sampled(log, np.arange(log.time[0], log.time[-1], 1.0 / rate)))
+
+    return resampled
+
+
+def changing(log: Samples, rng: np.random.Generator) -> Samples:
+    """A log whose second half was recorded at half the rate."""
+    middle, step = 0.5 * (log.time[0] + log.time[-1]), 2.0 * float(np.median(np.diff(log.time)))
+    first = log.time[log.time < middle]
+    return sampled(log, np.concatenate((first, np.arange(first[-1] + step, log.time[-1], step))))
+
+
+def slow_pressures(log: Samples, rng: np.random.Generator) -> Samples | None:
+    """A log whose pressures come at 200 Hz, held in between, as the reader takes it."""
+    every = round(0.005 / float(np.median(np.diff(log.time))))
+    if every < 2:
+        return None
+    held = (np.arange(len(log)) // every) * every
+    return as_read(Samples(log.time, {c: log[c][held] if c in PRESSURES else log[c] for c in log.channels}))
+
+
+def as_read(log: Samples) -> Samples:
+    """What `read_log` makes of a log that was kept with its time in ms."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "log.parquet"
+        pd.DataFrame({"t": 1e3 * log.time, **log.columns}).to_parquet(path, index=False)
+        sources = {"time": {"column": "t", "unit": "ms"}, **{c: {"column": c} for c in log.channels}}
+        read = read_log(path, ChannelMap.model_validate({"channels": sources})).samples
+    return Samples(read.time - read.time[0] + log.time[0], read.columns)
+
+
+def mirrored(log: Samples, rng: np.random.Generator | None = None) -> Samples:
+    """The same actuator looked at from its other end."""
+    other = {c: EXCHANGED[c] if EXCHANGED.get(c) in log.channels else c for c in log.channels}
+    return Samples(log.time, {c: -log[c] if c in TURNED else log[other[c]] for c in log.channels})
+
+
+def mirrored_unit(unit: Unit, healthy: list[Samples]) -> Unit:
+    """Its profile."""
+    out = unit.model_copy(deep=True)
+    f, c = out.friction, out.cylinder
+    f.forward, f.reverse = f.reverse, f.forward
+    c.area_1, c.area_2, c.volume_1, c.volume_2 = c.area_2, c.area_1, c.volume_2, c.volume_1
+    out.sensors = {EXCHANGED.get(n, n): s.model_copy(deep=True) for n, s in unit.sensors.items()}
+    for name in out.sensors.keys() & set(TURNED):
+        out.sensors[name].zero = -out.sensors[name].zero
+    return add_baseline(out, [mirrored(log) for log in healthy])
+
+
+DISTURBANCES: dict[str, Disturbance] = {
+    "50 ms missing": holed,
+    "first 5 s left out": lambda log, rng: _kept(log, log.time >= log.time[0] + HEAD_S),
+    "200 Hz": at_rate(200.0),
+    "500 Hz": at_rate(500.0),
+    "2 kHz": at_rate(2000.0),
+    "the second half at half the rate": changing,
+    "pressures at 200 Hz, held in between": slow_pressures,
+    "the other end forward": mirrored,
+}
+
+
+class Comparison(NamedTuple):
+    """Whether one log's verdicts, leading faults (or one of their groups) and onsets are the same."""
+
+    unit: str
+    disturbance: str
+    verdict: bool
+    fault: bool
+    onset: bool
+
+
+def disturbed(data: Dataset, unit: str, model: Model) -> list[Comparison]:
+    """Diagnose the unit's first faulty and first healthy log under every disturbance."""
+    profile, logs, out = identified_unit(data, unit), data.logs_of(unit), []
+    turned = mirrored_unit(profile, data.baseline(unit))
+    for entry in filter(None, (next((e for e in logs if e.healthy is h), None) for h in (False, True))):
+        log = data.samples(entry)
+        plain = diagnosed(profile, log, model)
+        for name, change in DISTURBANCES.items():
+            other = change(log, np.random.default_rng(zlib.crc32(f"{entry.file} {name}".encode())))
+            if other is not None:
+                found = diagnosed(turned if change is mirrored else profile, other, model)
+                out.append(Comparison(unit, name, *_same(plain, found)))
+    return out
+
+
+def _same(one: Diagnosis, other: Diagnosis) -> tuple[bool, bool, bool]:
+    verdict = one.verdict == other.verdict
+    if not (one.faults and other.faults):
+        both = not one.faults and not other.faults
+        return verdict, both, both
+    a, b = one.faults[0], other.faults[0]
+    fault = a.fault in b.ambiguity or b.fault in a.ambiguity
+    return verdict, fault, abs(a.onset_s - b.onset_s) <= NEAR_S
+
+
+def disturbed_table(compared: list[Comparison]) -> str:
+    """The section of a report (Markdown)."""
+    return printed("disturbed", found=pd.DataFrame(compared), names=DISTURBANCES)

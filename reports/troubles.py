@@ -13,11 +13,10 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import typer
 
@@ -29,64 +28,47 @@ from fdd.samples import Samples
 from fdd.service.blocks import Block, encode_json
 from fdd.unit import Unit
 from reports.service import AXIS, Process, free_port, until
-from reports.writing import FOLDER, OutOption, made_by, require_folder, template, write_report
+from reports.writing import FOLDER, OutOption, made_by, render, require_folder, write_report
 
 ARRIVED_S = 120.0
 ROWS = 100
 RUN_S = 60.0
+Undo = Callable[[], object]
 
 
-@contextmanager
-def _locked(process: Process) -> Iterator[None]:
+def _locked(process: Process) -> Undo:
     other = sqlite3.connect(process.state / "fdd.db", isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
-    try:
-        yield
-    finally:
-        other.execute("ROLLBACK")
-        other.close()
+    return other.close
 
 
-@contextmanager
-def _full(process: Process) -> Iterator[None]:
+def _full(process: Process) -> Undo:
     filler = process.state / "filler"
     with filler.open("wb", buffering=0) as file, suppress(OSError):
         while True:
             file.write(bytes(4096))
-    try:
-        yield
-    finally:
-        filler.unlink()
+    return filler.unlink
 
 
-@contextmanager
-def _no_growth(process: Process) -> Iterator[None]:
+def _no_growth(process: Process) -> Undo:
     pid, kind = process.popen.pid, resource.RLIMIT_FSIZE
     soft, hard = resource.prlimit(pid, kind)
     resource.prlimit(pid, kind, (1 << 16, hard))
-    try:
-        yield
-    finally:
-        resource.prlimit(pid, kind, (soft, hard))
+    return lambda: resource.prlimit(pid, kind, (soft, hard))
 
 
-@contextmanager
-def _renamed_file(process: Process) -> Iterator[None]:
+def _renamed_file(process: Process) -> Undo:
     path = process.state / "fdd.db"
     path.rename(away := path.with_name("away.db"))
-    try:
-        yield
-    finally:
-        away.rename(path)
+    return lambda: away.rename(path)
 
 
-@dataclass(frozen=True)
-class Trouble:
+class Trouble(NamedTuple):
     """What is tried: `words` are of the line that `/api/health` must say meanwhile."""
 
     tried: str
     how: str
-    during: Callable[[Process], AbstractContextManager[None]]
+    begin: Callable[[Process], Undo]
     words: str
     own_disk: bool = False
 
@@ -102,8 +84,7 @@ TROUBLES = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """What became of one trouble: what the service said meanwhile, samples, and what is not as wanted."""
 
     tried: str
@@ -124,10 +105,8 @@ def leaking() -> Samples:
 
 def attempt(trouble: Trouble, run: Samples) -> Outcome:
     """Try a trouble in a folder of its own, sending a run in lines over TCP."""
-    lines, ends = list[bytes](), [0]
-    for number, block in enumerate(run.blocks(ROWS)):
-        lines.append(encode_json(Block(AXIS, block, number, "", 0.0)) + b"\n")
-        ends.append(ends[-1] + len(block))
+    blocks = (Block(AXIS, block, number, "", 0.0) for number, block in enumerate(run.blocks(ROWS)))
+    lines = [encode_json(block) + b"\n" for block in blocks]
     with ExitStack() as kept:
         folder = Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="fdd-troubles-")))
         if trouble.own_disk:
@@ -136,19 +115,20 @@ def attempt(trouble: Trouble, run: Samples) -> Outcome:
             kept.callback(lambda: subprocess.run(["umount", "-l", folder / "state"], check=True))
         port = free_port()
         process = Process(folder, [{"type": "tcp", "port": port}])
-        return _attempt(trouble, process, port, lines, ends)
+        return _attempt(trouble, process, port, lines, len(run))
 
 
-def _attempt(trouble: Trouble, process: Process, port: int, lines: list[bytes], ends: list[int]) -> Outcome:
-    """`ends`: samples in the first n `lines`."""
-    third, sent, wrong = len(lines) // 3, ends[-1], list[str]()
+def _attempt(trouble: Trouble, process: Process, port: int, lines: list[bytes], sent: int) -> Outcome:
+    """`sent`: samples in all `lines`."""
+    third, wrong = len(lines) // 3, list[str]()
     try:
         process.start()
         with socket.create_connection(("127.0.0.1", port), 10.0) as link:
             link.settimeout(300.0)  # it waits where the service does not take more
             link.sendall(b"".join(lines[:third]))
-            until(lambda: process.samples() >= ends[third], ARRIVED_S)
-            with trouble.during(process):
+            until(lambda: process.samples() >= ROWS * third, ARRIVED_S)
+            with ExitStack() as lasting:
+                lasting.callback(trouble.begin(process))
                 part = (b"".join(lines[third : 2 * third]),)
                 meanwhile = threading.Thread(target=link.sendall, args=part, daemon=True)
                 meanwhile.start()
@@ -216,8 +196,5 @@ def troubles(
 
 def report_text(outcomes: Sequence[Outcome], without: Sequence[str]) -> str:
     """The report as Markdown."""
-    page = template(
-        Path(__file__).with_name("troubles.md.j2"),
-        cell=lambda text: " ".join(text.split()).replace("|", "\\|"),
-    )
-    return page.render(made_by=made_by("troubles"), outcomes=outcomes, without=without)
+    page = Path(__file__).with_name("troubles.md.j2")
+    return render(page, made_by=made_by("troubles"), outcomes=outcomes, without=without)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import platform
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from fdd import __version__
 from fdd.files import require_writable, whole_file, write_text, written
@@ -31,11 +33,15 @@ def load_now() -> str:
     return f"load average {os.getloadavg()[0]:.1f} at the end of the run."
 
 
-def require_folder(out: Path, *, pictures: bool = False) -> None:
-    """Refuse before anything is measured what cannot be written or drawn after it.
+def timed(run: Callable[[], object]) -> float:
+    """s of processor time."""
+    began = time.process_time()
+    run()
+    return time.process_time() - began
 
-    Raises `InputError`: the folder cannot be written, or matplotlib is missing where there are pictures.
-    """
+
+def require_folder(out: Path, *, pictures: bool = False) -> None:
+    """Refuse (`InputError`) before anything is measured what cannot be written or drawn after it."""
     require_writable(out, folder=True)
     if pictures:
         require_matplotlib()
@@ -49,19 +55,29 @@ def write_report(path: Path, text: str) -> None:
     print(f"Written to {path}")
 
 
-def template(path: Path, **filters: Callable[..., str]) -> Template:
-    """A report's text as a Jinja template; ``{{ x|f(".1f") }}`` formats a number."""
+def render(path: Path, block: str = "", /, **figures: Any) -> str:
+    """A report's text, or a block of it, from a Jinja template with what was measured.
+
+    ``{{ x|f(".1f") }}`` formats a number, ``number`` by its significant digits; ``cell`` is one of a table.
+    """
     environment = Environment(
         loader=FileSystemLoader(path.parent), extensions=["jinja2.ext.do"], undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters |= {"f": format, **filters}
-    return environment.get_template(path.name)
+    environment.filters |= {"f": format, "number": number_text, "cell": _cell}
+    page = environment.get_template(path.name)
+    return "".join(page.blocks[block](page.new_context(figures))) if block else page.render(figures)
 
 
-def render(path: Path, **figures: Any) -> str:
-    """A report's text with what was measured."""
-    return template(path).render(**figures)
+def number_text(number: float, digits: int = 3) -> str:
+    """A number with its significant digits, without an exponent, never ``-0``."""
+    if number != number or number == 0.0:
+        return "0" if number == 0.0 else "none"
+    return format(Decimal(f"{number:.{digits - 1}e}"), "f")
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
 
 
 Curve = tuple[Any, Any, str, str | None]
@@ -79,10 +95,7 @@ class Panel:
 
 
 def draw(path: Path, panels: Sequence[Panel], *, columns: int = 1, height: float = 4.2) -> None:
-    """Draw panels, row by row, as a PNG of 900 pixels width; all of a column have one x axis.
-
-    Raises `InputError`: it cannot be written, or matplotlib is missing.
-    """
+    """Draw panels, row by row, as a PNG of 900 pixels width; all of a column have one x axis."""
     require_matplotlib()
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg

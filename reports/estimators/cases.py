@@ -96,11 +96,8 @@ TRACKED = (eha.LEAK, eha.AIR, eha.FRIC, eha.VISC)
 
 
 class Trajectory(NamedTuple):
-    """What really happened in a run.
-
-    `states`: (n, STATES) in the units of `estimators.eha.model`, one row per sample. `accumulator`: (n,) MPa.
-    `viscosity`: (n,) over the reference's.
-    """
+    """What really happened in a run: states (n, STATES) in units of `estimators.eha.model`, pressure of the
+    accumulator (n,) in MPa, and viscosity (n,) over the reference's."""
 
     states: Array
     accumulator: Array
@@ -110,10 +107,8 @@ class Trajectory(NamedTuple):
 def quantities(
     states: Array, variances: Array, viscosity: Array, unit: Unit, model: eha.Parameters
 ) -> tuple[Array, Array]:
-    """The tracked quantities and their standard deviations in SI, as `fdd.residuals.tracking.estimates`.
-
-    `states`, `variances`: (n, STATES). Gives `values`, `stds`: (4, n) each, in the order of `QUANTITIES`.
-    """
+    """Of states and variances, (n, STATES), `QUANTITIES` and their standard deviations in SI, (4, n) each, as
+    `fdd.residuals.tracking.estimates` gives them."""
     records = np.zeros(states.shape[0], layout.RECORD)
     records["state"], records["variance"], records["viscosity"] = states, variances, viscosity
     values, stds = estimates(records, unit, model)
@@ -125,8 +120,8 @@ FORCE_PERIOD = 20
 SETTLING = 80
 """ms of sliding one way until the friction curve holds."""
 LOW_SIDE, LOW_SIDE_TIME = 0.2, 1e4
-"""MPa and ms: how near the low side stays to the accumulator, and for how long that is one and the same fact.
-What the estimators hold against not knowing the mean pressure where only the difference is measured."""
+"""MPa and ms: how near the low side stays to the accumulator, and for how long that is one and the same fact,
+where only the pressures' difference is measured."""
 MOTION_SPREAD = (1.0, 0.1, 1.0, 0.3, 0.3, 0.3)
 """Standard deviations of the motion states at the start, model units: wide, encoders and pressures set
 them."""
@@ -153,12 +148,11 @@ class Sizes(NamedTuple):
 
 
 class Assumed(NamedTuple):
-    """What the filter assumes before any data, model units.
+    """What the filter assumes before any data, (STATES,) in model units: first estimate, standard deviations,
+    those of each state's noise over one second, and rate (1/s) at which it is drawn back to its start.
 
-    `start`, `spread`: (STATES,) its first estimate and standard deviations; wide for the motion states.
-    `walk`: (STATES,) standard deviation of each state's noise over one second. `pull`: (STATES,) 1/s, rate at
-    which it is drawn back to its start: a walk never gets less certain than the initial spread, which is the
-    variance of an Ornstein-Uhlenbeck process with the rate q²/2σ₀².
+    A walk never gets less certain than the initial spread: that of an Ornstein-Uhlenbeck process with the
+    rate q²/2σ₀².
     """
 
     start: Array

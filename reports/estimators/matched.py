@@ -1,17 +1,14 @@
 """The matched world, runs drawn from the estimators' own model with the noise that they assume; the bound.
 
-Here nothing is wrong with the filter's model, so what it claims must hold: consistency and the bound can be
-taken at their word. Parameters begin a draw of the filter's initial spread away from its first estimate and
-walk at random as it assumes; chamber volumes take the unmodelled flow; measurements have its noise, white and
-Gaussian.
+Parameters begin a draw of the filter's initial spread away from its first estimate and walk at random as it
+assumes; chamber volumes take the unmodelled flow; measurements have its noise, white and Gaussian.
 
-The one thing that cannot be drawn is motion. The filter lets velocity change by almost a metre per second
-and the pump's speed by 20 rad/s within a millisecond, so that encoders alone say how the axis moves; an axis
-that really did so would shake itself to pieces. So position follows a duty, the pump turns as the model's own
-equations then demand, and both enter as the noise that the model already has on velocity and speed. What
-pressures and parameters can be known from does not depend on where the motion came from. The circuit has no
-case leakage and, with all sensors, an accumulator below both chambers: no check valve opens. With the minimum
-set the filter takes the low side for fed and near the charge; there it is held so.
+The one thing that cannot be drawn is motion: an axis whose velocity changed by almost a metre per second
+within a millisecond, as the filter allows, would shake itself to pieces. So position follows a duty, the pump
+turns as the model's own equations then demand, and both enter as the noise that the model already has on
+velocity and speed. The circuit has no case leakage and, with all sensors, an accumulator below both chambers:
+no check valve opens. With the minimum set the filter takes the low side for fed and near the charge; there it
+is held so.
 """
 
 from __future__ import annotations
@@ -37,14 +34,12 @@ FASTEST = 0.1
 """m/s; the set-point is followed no faster."""
 SMOOTH_HZ = 4.0
 SMOOTHING = 12.0
-"""ms, standard deviation of the Gaussian that forces are smoothed by: friction turns round with the motion,
-and no pump could follow that within a millisecond. Both ways in time, so that nothing of it is left 40 ms
-later."""
+"""ms, standard deviation of the Gaussian, both ways in time, that forces are smoothed by: friction turns
+round with the motion, and no pump could follow that within a millisecond."""
 RESPONSE = 10.0
 """ms within which the pump corrects forces: at once it would have to jump with each millisecond's noise."""
 LOWEST = 0.4
-"""MPa, lowest pressure of a run in either chamber: near axis A's charge pressure, where the low side of a
-real one stays."""
+"""MPa, lowest pressure of a run in either chamber: near axis A's charge, where a real low side stays."""
 LOW_SMOOTHING, LEAST_PRESSURE = 100.0, 0.1
 """ms of smoothing, and MPa, of the low side where it is fed."""
 CLEARANCE = 0.1
@@ -166,11 +161,9 @@ def _force(position: Array, parameters: Array, model: eha.Parameters, errors: Ar
     The mean over each `FORCE_PERIOD` misses the filter's force balance by one of `errors`, exactly and
     without a jump: the errors' sum is interpolated by a cubic spline, whose slope is the error of the moment.
     """
-    v = np.diff(position, prepend=position[0])
-    p = parameters
+    v, p = np.diff(position, prepend=position[0]), parameters
     kinds = p[:, eha.FRIC] * _curve(v, model) + p[:, eha.VISC] * v + p[:, eha.LOAD]
-    kinds += p[:, eha.STIF] * position
-    kinds += (p[:, eha.THROT] * v + p[:, eha.SKEW]) * np.abs(v)
+    kinds += p[:, eha.STIF] * position + (p[:, eha.THROT] * v + p[:, eha.SKEW]) * np.abs(v)
     acceleration = np.diff(v, prepend=v[0]) * 1e3
     smooth = gaussian_filter1d(kinds, SMOOTHING, mode="nearest")
     sums = CubicSpline(np.arange(errors.size + 1), np.concatenate([[0.0], np.cumsum(errors)]))
@@ -237,11 +230,10 @@ def _follow(
 def eha_bound(truth: Trajectory, q: eha.Parameters, prior: Assumed, minimum: bool, rows: Rows) -> Array:
     """The posterior Cramér-Rao bound: how well any filter could know the states from one run's data.
 
-    The same noise and the same statement of the model as the estimators': flow noise large where a chamber is
-    fed, friction known by 20 ms mean force balances while the piston has slid one way for 80 ms, each with
-    the standard deviation ``Noise.force_mean``, and not by the single samples. Their further caution, such as
-    noise that grows with the load's unrest, is not in the bound. `minimum`: of all pressures the chambers'
-    difference alone is measured. Gives (k, STATES) variances, model units, at rows (k,), ascending.
+    Variances (k, STATES), model units, at rows (k,), ascending; with `minimum` only the chambers' difference
+    is measured of pressures. Noise and statements are the estimators': flow noise large where a chamber is
+    fed, friction known by 20 ms mean force balances, of the standard deviation `force_mean`, while the piston
+    has slid one way for 80 ms. Their further caution, as in unrest of the load, is not in it.
 
     For ``x_k = f(x_{k-1}) + w``, ``z_k = h(x_k) + v`` with Gaussian noise the information matrix obeys
     ``J_k = (Q + F J_{k-1}^-1 F')^-1 + H' R^-1 H`` with F and H taken at the true states (Tichavský, Muravchik

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, NamedTuple, cast
@@ -22,8 +20,6 @@ from reports.writing import FOLDER, OutOption, Panel, draw, made_by, render, req
 
 WITHIN_BOUND, COVERED, HALF_WITHIN = 1.5, 0.9, 2.0
 """Goals: RMSE over the bound; share of runs inside the 95 % bands; s until half of a change is followed."""
-MOST_MICROSECONDS, LEAST_PEER = 2.0, 25.0
-"""Goals: µs of a sample for EKF and SVSF; times slower that filterpy is."""
 LEAST_FLAGGED = 0.05
 """Share of flagged estimates below which a quantity counts as not observable in a case."""
 ABSOLUTE = "viscous_friction"
@@ -41,11 +37,10 @@ def estimators(
     require_folder(out, pictures=True)
     if speed and find_spec("filterpy") is None:
         raise InputError("filterpy, the peer, is not installed", mend="install fdd[test], or give --no-speed")
-    # First, while nothing of this command runs beside it.
-    with progress("measuring speed"):
+    with progress("measuring speed"):  # first, while nothing of this command runs beside it
         timed = {"speed": measure_speed()} if speed else {}
+    plan = Plan(runs=runs, seed=seed)
     with progress("measuring the estimators", 1.0) as advance:
-        plan = Plan(runs=runs, seed=seed)
         found = measure(plan, workers, advance) | timed
     draw_pictures(found, out / "estimators")
     for world in WORLDS:
@@ -59,27 +54,14 @@ def report_text(plan: Plan, found: Measured) -> str:
     return render(
         Path(__file__).with_name("estimators.md.j2"), made_by=made_by("estimators"), plan=plan, worlds=WORLDS,
         found=found, goals={world: goals(found, world) for world in WORLDS},
-        errors=partial(_errors, found), halves=partial(_halves, found), words=_words,
-        coverage=lambda world: _grouped(_within(coverage(found["consistency"]), world), "case", "method"),
-        methods=METHODS, quantities=QUANTITIES,
-        speed=_speed(found["speed"]) if "speed" in found else None,
+        errors=lambda world: _within(accuracy(found["errors"]), world), words=_words, late_half=late_half,
+        coverage=lambda world: _within(coverage(found["consistency"]), world), methods=METHODS,
+        quantities=QUANTITIES, peer=PEER,
     )  # fmt: skip
-
-
-def _grouped(frame: pd.DataFrame, *by: str) -> Iterator[tuple[tuple[str, ...], pd.DataFrame]]:
-    """Groups by columns or levels, in the order in which they come."""
-    for key, rows in frame.groupby(list(by), sort=False):
-        yield cast(tuple[str, ...], key), rows
 
 
 def _within(frame: pd.DataFrame, world: str) -> pd.DataFrame:
     return cast(pd.DataFrame, frame.loc[world])
-
-
-def _percent(errors: pd.DataFrame, columns: list[str]) -> pd.DataFrame:
-    """Those columns in percent of the truth, `ABSOLUTE`'s as they are."""
-    scale = np.where(errors["quantity"] == ABSOLUTE, 1.0, 0.01 * errors["truth"].abs())
-    return errors.assign(**errors[columns].div(scale, axis=0))
 
 
 def _rms(values: pd.Series) -> float:
@@ -108,17 +90,16 @@ def accuracy(errors: pd.DataFrame) -> pd.DataFrame:
             "bound": _rms(used["bound"]),
         })  # fmt: skip
 
-    shares = _percent(errors, ["error", "std", "bound"])
+    sizes = ["error", "std", "bound"]
+    scale = np.where(errors["quantity"] == ABSOLUTE, 1.0, 0.01 * errors["truth"].abs())
+    shares = errors.assign(**errors[sizes].div(scale, axis=0))
     groups = shares.groupby(["world", "case", "quantity", "method"], sort=False)
-    return cast(pd.DataFrame, groups[["flag", "error", "std", "bound"]].apply(figures))
+    return cast(pd.DataFrame, groups[["flag", *sizes]].apply(figures))
 
 
 def coverage(consistency: pd.DataFrame) -> pd.DataFrame:
-    """Of each world, case and method, shares of runs inside the 95 % bands.
-
-    Columns: nees, too_sure (share above its band), each quantity's error within 1.96 standard deviations,
-    lost (ended without a covariance).
-    """
+    """Of each world, case and method, shares of runs inside the 95 % bands: of nees (too_sure: above it), of
+    each quantity's error (1.96 standard deviations); lost: ended without a covariance."""
     (low, high), nees = chi2.interval(0.95, len(TRACKED)), consistency["nees"]
     inside = consistency[["world", "case", "method"]].assign(
         nees=nees.between(low, high), too_sure=~(nees <= high),
@@ -169,30 +150,6 @@ def goals(found: Measured, world: str) -> list[Goal]:
     return out
 
 
-def _errors(found: Measured, world: str) -> Iterator[tuple[str, str, pd.Series, pd.Series]]:
-    """Case, quantity and both methods' figures."""
-    for (case, quantity), pair in _grouped(_within(accuracy(found["errors"]), world), "case", "quantity"):
-        a, b = (pair.xs(method, level="method").iloc[0] for method in METHODS)
-        yield case, quantity, a, b
-
-
-def _halves(found: Measured) -> Iterator[tuple[str, str, list[float]]]:
-    """World, quantity, and each method's median and late seconds until half of a change is followed."""
-    for (world, quantity), runs in _grouped(found["steps"], "world", "case"):
-        halves = [runs.loc[runs["method"] == method, "half"] for method in METHODS]
-        yield world, quantity, [t for half in halves for t in (float(np.median(half)), late_half(half))]
-
-
-def _speed(timed: pd.DataFrame) -> dict[str, object]:
-    """Verdicts on speed, the figures, and on what they were measured."""
-    took = timed["median"]
-    ratio = took[PEER] / took["EKF"]
-    verdicts = [(f"{m} within {MOST_MICROSECONDS:g} µs a sample", took[m], "µs", took[m] <= MOST_MICROSECONDS)
-                for m in ("EKF", "SVSF")]  # fmt: skip
-    verdicts.append((f"{LEAST_PEER:g} times filterpy's speed", ratio, "times", ratio >= LEAST_PEER))
-    return {"verdicts": verdicts, "took": timed, "samples": int(timed["samples"].iloc[0]), "hour": 3.6 * took}
-
-
 def draw_pictures(found: Measured, folder: Path) -> None:
     """Draw runs inside the bands, and responses to a change (median, 80 % of runs)."""
     covered, names = coverage(found["consistency"]), list(found["consistency"]["case"].unique())
@@ -211,8 +168,8 @@ def draw_pictures(found: Measured, folder: Path) -> None:
     if "steps" not in found:
         return
     panels = []
-    for (world, quantity), runs in _grouped(found["steps"], "world", "case"):
-        responses = []
+    for key, runs in found["steps"].groupby(["world", "case"], sort=False):
+        responses, (world, quantity) = [], cast(tuple[str, str], key)
         for m, method in enumerate(METHODS):
             each = np.stack(list(runs.loc[runs["method"] == method, "response"]))
             responses += [

@@ -8,14 +8,12 @@ line losses, …) is drawn from its usual range. Geometry and sensors are as the
 
 from __future__ import annotations
 
-import time
 import warnings
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -34,6 +32,7 @@ from fdd.residuals.tracking import Channels, Tracking, estimates, observability
 from fdd.unit import Unit
 from reports.estimators import cases, matched
 from reports.estimators.cases import QUANTITIES, Array, Assumed, Case, Rows, Trajectory
+from reports.writing import timed
 
 WORLDS = ("matched", "plant")
 CHECKS = 5
@@ -51,8 +50,7 @@ PEER = "filterpy EKF"
 BY_NAME = {case.name: case for case in cases.CASES}
 
 
-@dataclass(frozen=True)
-class Data:
+class Data(NamedTuple):
     """One run before any filter has seen it: profile, both filters, what they assume, their input (n, 9)."""
 
     case: Case
@@ -103,11 +101,9 @@ def draw_rig(profile: Unit, prior: Assumed, rng: np.random.Generator) -> tuple[U
     added = (air - oil.air_fraction) * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
     modulus = 1.0 / (1.0 / oil.bulk_modulus + added)
     rig.oil = oil.model_copy(update={"air_fraction": air, "bulk_modulus": modulus})
-    for name in ("forward", "reverse"):
-        branch = getattr(rig.friction, name)
-        viscous = max(branch.viscous + prior.spread[eha.VISC] * z[4], 0.0)
-        drawn = {"coulomb": branch.coulomb * rub, "static": branch.static * rub, "viscous": viscous}
-        setattr(rig.friction, name, branch.model_copy(update=drawn))
+    for branch in (rig.friction.forward, rig.friction.reverse):
+        branch.coulomb, branch.static = branch.coulomb * rub, branch.static * rub
+        branch.viscous = max(branch.viscous + prior.spread[eha.VISC] * z[4], 0.0)
     details: dict[str, Any] = {name: float(rng.uniform(*bounds)) for name, bounds in Details.usual.items()}
     details["pump_teeth"] = round(details["pump_teeth"])
     return rig, Details(**details), gain
@@ -156,11 +152,6 @@ def plant_states(truth: Truth, profile: Unit, model: eha.Parameters, gain: float
     return Trajectory(x, truth["pressure_accumulator"] * 1e-6, viscosity)
 
 
-def _estimates(data: Data, records: layout.Records) -> tuple[dict[str, Array], dict[str, Array]]:
-    with np.errstate(invalid="ignore"):  # a filter that lost its covariance counts as not observable
-        return estimates(records, data.unit, data.tracking.model)
-
-
 def evaluate(data: Data) -> dict[str, pd.DataFrame]:
     """Run both filters and the bound over one run's data.
 
@@ -174,46 +165,41 @@ def evaluate(data: Data) -> dict[str, pd.DataFrame]:
     rows, model = ends - 1, data.tracking.model
     variances = matched.eha_bound(truth, model, data.prior, data.case.minimum, rows)
     true, bound = cases.quantities(truth.states[rows], variances, truth.viscosity[rows], data.unit, model)
-    errors, consistency = [], []
+    at, errors, consistency = ends // decimation - 1, [], []
     for method, records in data.tracking.push(data.block).items():
-        values, sigmas = _estimates(data, records)
-        at, shown = ends // decimation - 1, observability(values, sigmas)
-        found, std, flag = (np.array([x[q][at] for q in QUANTITIES]) for x in (values, sigmas, shown))
-        columns = {"truth": true, "bound": bound, "error": found - true, "std": std, "flag": flag}
-        frame = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
-        errors.append(frame.assign(method=method, quantity=np.repeat(QUANTITIES, CHECKS)))
+        values, sigmas = estimates(records, data.unit, data.tracking.model)
+        shown = observability(values, sigmas)
+        found, std, flag = (np.ravel([x[q][at] for q in QUANTITIES]) for x in (values, sigmas, shown))
+        frame = pd.DataFrame({"truth": true.ravel(), "bound": bound.ravel(), "std": std, "flag": flag})
+        frame = frame.assign(error=found - frame["truth"], method=method)
+        errors.append(frame.assign(quantity=np.repeat(QUANTITIES, CHECKS)))
         tracker = data.tracking.trackers[method]
         error = tracker.x[tracked] - truth.states[-1, tracked]
         if data.case.minimum:  # without the oil's temperature leakage is that of the oil as it is
             error[0] = tracker.x[eha.LEAK] - truth.states[-1, eha.LEAK] / truth.viscosity[-1]
-        # The tracker's covariance, widened as its records are.
+        # The tracker's correlations, and standard deviations widened as its records are.
         covariance = tracker.P[np.ix_(tracked, tracked)]
-        wider = np.sqrt(records[-1]["variance"][tracked] / np.diag(covariance))
-        covariance = covariance * np.outer(wider, wider)
-        stds = np.sqrt(np.diag(covariance))
+        own, scores = np.sqrt(np.diag(covariance)), error / np.sqrt(records[-1]["variance"][tracked])
         try:
-            factor = np.linalg.cholesky(covariance / np.outer(stds, stds))
-            nees = float(np.sum(np.linalg.solve(factor, error / stds) ** 2))
+            factor = np.linalg.cholesky(covariance / np.outer(own, own))
+            nees = float(np.sum(np.linalg.solve(factor, scores) ** 2))
         except np.linalg.LinAlgError:
             nees = float("nan")
-        scores = dict(zip(QUANTITIES, error / stds, strict=True))
-        consistency.append({"method": method, "nees": nees, **scores})
+        consistency.append({"method": method, "nees": nees, **dict(zip(QUANTITIES, scores, strict=True))})
     return {"errors": pd.concat(errors), "consistency": pd.DataFrame(consistency)}
 
 
 def step_run(data: Data, quantity: str) -> pd.DataFrame:
-    """One run with a change of `quantity` by `CHANGE` at `ONSET`, all sensors, in motion.
-
-    Gives for each method: half (s until half of the true change is followed from what was estimated before,
-    infinite where it never was) and response, (len(GRID),) share of the change that is followed.
-    """
+    """Of one run with a change at `ONSET`, for each method: half (s until half of the true change is followed
+    from what was estimated before, infinite where it never was) and response, (len(GRID),) share followed."""
     at = round(ONSET * 1e3) + np.array([-1, 2])
     truth, none = data.truth, np.zeros((2, eha.STATES))
     true, _ = cases.quantities(truth.states[at], none, truth.viscosity[at], data.unit, data.tracking.model)
     before, after = true[QUANTITIES.index(quantity)]
     rows = []
     for method, records in data.tracking.push(data.block).items():
-        value, time_s = _estimates(data, records)[0][quantity], records["time"] - ONSET
+        value = estimates(records, data.unit, data.tracking.model)[0][quantity]
+        time_s = records["time"] - ONSET
         share = (value - value[(time_s >= -BEFORE) & (time_s < 0.0)].mean()) / (after - before)
         since = time_s >= 0.0
         reached = time_s[since][share[since] >= 0.5]
@@ -223,8 +209,7 @@ def step_run(data: Data, quantity: str) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-@dataclass(frozen=True)
-class Plan:
+class Plan(NamedTuple):
     """How much is measured: runs of each case and change, s of a run, which ones."""
 
     runs: int = 100
@@ -246,13 +231,9 @@ def measure(plan: Plan, workers: int = 1, progress: Callable[[float], None] = la
         for kind, names in (("run", plan.cases), ("step", plan.stepped))
         for world, name, run in product(WORLDS, names, range(plan.runs))
     ]
-    told = for_each_unit(
-        partial(_work, plan), jobs, workers=workers, progress=lambda n, total: progress(n / total)
-    )
-    return {
-        kind: pd.concat([frame for k, frame in told if k == kind], ignore_index=True)
-        for kind in dict.fromkeys(k for k, _ in told)
-    }
+    told = for_each_unit(partial(_work, plan), jobs, workers=workers, progress=lambda n, of: progress(n / of))
+    kinds = dict.fromkeys(kind for kind, _ in told)
+    return {k: pd.concat([f for kind, f in told if kind == k], ignore_index=True) for k in kinds}
 
 
 def _work(plan: Plan, job: tuple[str, str, str, int]) -> list[tuple[str, pd.DataFrame]]:
@@ -272,9 +253,8 @@ def _work(plan: Plan, job: tuple[str, str, str, int]) -> list[tuple[str, pd.Data
 def filterpy_ekf(q: eha.Parameters, prior: Assumed, block: Array, rows: Rows) -> tuple[Array, Array]:
     """Run filterpy's EKF over a block as the tracker takes it, all sensors, without gaps.
 
-    It gets the same model (one compiled millisecond of `estimators.eha.model`), noise and first estimate.
-    What a textbook filter cannot say is left out: it linearises at its own estimate and not at what the
-    encoders measure, learns friction sample by sample, and has nothing robust and no bounds on parameters.
+    It has the same model, noise and first estimate. What a textbook filter cannot say is left out: it
+    linearises at its own estimate, learns friction sample by sample, is not robust and knows no bounds.
 
     Gives `states`, `variances`: (k, STATES) at `rows` (k,), ascending.
     """
@@ -282,12 +262,8 @@ def filterpy_ekf(q: eha.Parameters, prior: Assumed, block: Array, rows: Rows) ->
 
     F, G, new = np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4)), np.empty(eha.STATES)
     measured, sizes = [eha.X, eha.TH, eha.P1, eha.P2], prior.sizes
-    z = block[:, [layout.POSITION, layout.ANGLE, layout.PRESSURE_1, layout.PRESSURE_2]] * [
-        1e3,
-        1.0,
-        1e-6,
-        1e-6,
-    ]
+    columns = [layout.POSITION, layout.ANGLE, layout.PRESSURE_1, layout.PRESSURE_2]
+    z = block[:, columns] * [1e3, 1.0, 1e-6, 1e-6]
     viscosity = np.nan_to_num(block[:, layout.VISCOSITY], nan=1.0)
     accumulator, H = block[:, layout.ACCUMULATOR] * 1e-6, np.eye(eha.STATES)[measured]
     peer = ExtendedKalmanFilter(eha.STATES, 4)
@@ -318,24 +294,19 @@ def measure_speed(duration: float = 60.0, repeats: int = 9, peer_samples: int = 
     scenario = Scenario(duration=duration, seed=1, load={"name": "spring"}, recording=recording)
     samples = simulate(unit, scenario).samples
     tracking = Tracking(unit, Channels.of(samples), 1e-3)
-    block, prior, took = (
-        tracking.block(samples),
-        cases.assumed(tracking.trackers["ekf"]),
-        dict[str, list[float]](),
-    )
+    block, prior = tracking.block(samples), cases.assumed(tracking.trackers["ekf"])
+    took = dict[str, list[float]]()
+    part, last = block[:peer_samples], np.array([peer_samples - 1])
     for turn in range(repeats):
         for method, tracker in tracking.trackers.items():
             fresh = tracker.state()
             tracker.push(block[:1000])  # compiling is not its work
             tracker.restore(fresh)
-            began = time.process_time()
-            tracker.push(block)
-            took.setdefault(method.upper(), []).append((time.process_time() - began) / len(block))
+            spent = timed(lambda: tracker.push(block))  # noqa: B023
+            took.setdefault(method.upper(), []).append(spent / len(block))
             tracker.restore(fresh)
         if turn % 3 == 0:
-            part, last = block[:peer_samples], np.array([peer_samples - 1])
-            began = time.process_time()
-            filterpy_ekf(tracking.model, prior, part, last)
-            took.setdefault(PEER, []).append((time.process_time() - began) / peer_samples)
+            spent = timed(lambda: filterpy_ekf(tracking.model, prior, part, last))
+            took.setdefault(PEER, []).append(spent / peer_samples)
     rows = {name: {"median": 1e6 * np.median(s), "best": 1e6 * min(s)} for name, s in took.items()}
     return pd.DataFrame.from_dict(rows, orient="index").assign(samples=len(block))

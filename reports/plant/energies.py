@@ -44,11 +44,8 @@ def lobatto(n: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class FineRun:
-    """What the plant went through: m milliseconds of k nodes.
-
-    `states`, `slopes`, `found`: (m, k, …) as the right-hand side takes and gives them. `rows`: (m, axes,
-    COLUMNS) conditions as the loop held them, at the present temperature. `weights`: (k,) s.
-    """
+    """What the plant went through in m milliseconds of k nodes, (m, k, …) as the right-hand side takes and
+    gives it. `rows`: (m, axes, COLUMNS) conditions, at the present temperature. `weights`: (k,) s."""
 
     ready: Prepared
     states: Array
@@ -86,11 +83,9 @@ def fine_run(
     rows = np.empty_like(conditions[0])
     first, second = ready.parameters[0], ready.parameters[-1]
     points, weights = lobatto(nodes)
-    y = ready.state.copy()
+    y, found = ready.state.copy(), np.empty(ready.axes * s.FINDINGS)
     k, stage = np.empty((STAGES, y.size)), np.empty(y.size)
-    found = np.empty(ready.axes * s.FINDINGS)
-    states = np.empty((scenario.rows, nodes, y.size))
-    slopes = np.empty_like(states)
+    states, slopes = np.empty((2, scenario.rows, nodes, y.size))
     findings = np.empty((scenario.rows, nodes, found.size))
     length = 1e-4
     for t in range(scenario.rows):
@@ -110,10 +105,7 @@ def fine_run(
 
 @dataclass(frozen=True)
 class Fluid:
-    """Oil (…) K `warm` above its reference temperature, with free air over oil and vapour over sound oil's.
-
-    `ambient`: Pa.
-    """
+    """Oil (…), K `warm` above its reference temperature, with free air over oil, vapour over sound oil's."""
 
     oil: Oil
     warm: Array
@@ -163,8 +155,7 @@ class Energies:
     def gap(self, run: FineRun) -> tuple[float, float]:
         """Largest departure of what is stored from what came and went, and all that came through (J).
 
-        Between two milliseconds the loop puts air in place of oil and takes the oil's present density: these
-        are no powers, and each millisecond's balance begins after them.
+        Each millisecond's balance begins after the loop has put air in place of oil and taken its density.
         """
         gained = sum(np.cumsum(energy[:, -1] - energy[:, 0]) for energy in self.stored.values())
         supplied = sum(run.integral(power) for power in self.supplied.values())
@@ -187,9 +178,8 @@ def energies(run: FineRun) -> Energies:
         reach = np.maximum(reach, 0.0)
     out.stored["load's spring"] = 0.5 * par.spring * reach**2
     out.stored["stops"] = 0.5 * par.stop_stiffness * beyond**2
-    out.lost["stops and cushions"] = (
-        run.finding(s.STOP_FORCE) - np.sign(x) * par.stop_stiffness * beyond
-    ) * v
+    stiff = np.sign(x) * par.stop_stiffness * beyond
+    out.lost["stops and cushions"] = (run.finding(s.STOP_FORCE) - stiff) * v
     out.supplied["external force"] = -row[:, :, c.FORCE] * v
     if par.partner_area > 0.0:
         # Its throttle: Δp = R·Q|Q|, laminar below the transition.
@@ -197,10 +187,10 @@ def energies(run: FineRun) -> Energies:
         through = drop / np.sqrt(par.throttle * np.sqrt(drop**2 + width**2))
         out.stored["lumped partner"] = 0.5 * par.partner_compliance * drop**2
         out.lost["lumped partner's throttle"] = drop * through
-    sides = [_axis(run, axis, out) for axis in range(run.ready.axes)]
-    if len(sides) > 1:
+    first, *second = (_axis(run, axis, out) for axis in range(run.ready.axes))
+    for lines in second:
         for line, flow in enumerate((s.CONNECT_FLOW_1, s.CONNECT_FLOW_2)):
-            out.lost[f"connect valve {line + 1}"] = run.finding(flow) * (sides[1][line] - sides[0][line])
+            out.lost[f"connect valve {line + 1}"] = run.finding(flow) * (lines[line] - first[line])
     return out
 
 
@@ -229,10 +219,9 @@ def _axis(run: FineRun, axis: int, out: Energies) -> tuple[Array, Array]:
         g, by_air, by_heat = fluid.integrals(p)
         rho = fluid.density(p)
         g_of.append((g, rho))
-        oil_energy = oil_energy + volume * (rho * g - p)
-        swelling = swelling + volume * rho * (
-            by_air * run.slope(free, axis) + by_heat * run.slope(s.TEMPERATURE, axis)
-        )
+        oil_energy += volume * (rho * g - p)
+        warming = by_heat * run.slope(s.TEMPERATURE, axis)
+        swelling += volume * rho * (by_air * run.slope(free, axis) + warming)
     out.stored[name + "oil"] = oil_energy
     out.supplied[name + "swelling"] = swelling
     (g_1, rho_1), (g_2, rho_2), (g_a, rho_a), (g_b, rho_b) = *g_of[:2], *g_of[-2:]
@@ -251,11 +240,9 @@ def _axis(run: FineRun, axis: int, out: Energies) -> tuple[Array, Array]:
             left = 1.0 - held / par.external_volume
             total = total - par.external_pressure * par.external_volume * np.log(left) - par.ambient * held
             gas = par.external_pressure / left - par.ambient
-            flow = run.slope(i, axis)
-            out.lost[name + f"external accumulator {i}"] = flow * (g - gas * grown)
-            out.supplied[name + f"external swelling {i}"] = (
-                gas * held * par.expansion * run.slope(s.TEMPERATURE, axis)
-            )
+            out.lost[name + f"external accumulator {i}"] = run.slope(i, axis) * (g - gas * grown)
+            warming = par.expansion * run.slope(s.TEMPERATURE, axis)
+            out.supplied[name + f"external swelling {i}"] = gas * held * warming
         out.stored[name + "external accumulators"] = total
 
     # Supplied.
@@ -265,11 +252,12 @@ def _axis(run: FineRun, axis: int, out: Energies) -> tuple[Array, Array]:
     out.supplied[name + "charging"] = charging * row[:, :, c.STORE_DENSITY] * h_store
 
     # Lost: friction.
-    load = _pump_torque(run, axis)
+    wave = (par.ripple + row[:, :, c.RIPPLE]) * np.cos(par.teeth * (at(s.ANGLE) - at(s.GAP)))
+    swing = 1.0 + row[:, :, c.ECCENTRICITY] * np.cos(at(s.ANGLE))
+    displacement = par.displacement * row[:, :, c.DISPLACEMENT] * (1.0 + wave) * swing
+    dry = par.rotary_coulomb + par.pump_friction * np.abs(displacement * find(s.PORT_DIFFERENCE))
     turning = (par.rotary_viscous + par.pump_drag * row[:, :, c.DRAG]) * speed
-    turning = turning + (par.rotary_coulomb + par.pump_friction * np.abs(load)) * speed / np.sqrt(
-        1.0 + speed**2
-    )
+    turning = turning + dry * speed / np.sqrt(1.0 + speed**2)
     out.lost[name + "rotary friction"] = turning * speed
     out.lost[name + "seal friction"] = (
         find(s.FRICTION_FORCE) * v
@@ -319,16 +307,6 @@ def _outside(pressure: Array, row: Array, side: int, transition: float) -> Array
     laminar = (row[:, :, c.OUTSIDE_1 + side] + row[:, :, c.OUTSIDE_OPENING_1 + side] * pressure) * pressure
     orifice = row[:, :, c.OUTSIDE_ORIFICE_1 + side] * 1e-3 * pressure / (pressure**2 + width**2) ** 0.25
     return np.asarray(laminar + orifice)
-
-
-def _pump_torque(run: FineRun, axis: int) -> Array:
-    """D·Δp of the pump as it is, N·m."""
-    par, row = run.ready.parameters[axis], run.rows[:, axis][:, None, :]
-    angle, gap = run.at(s.ANGLE, axis), run.at(s.GAP, axis)
-    wave = (par.ripple + row[:, :, c.RIPPLE]) * np.cos(par.teeth * (angle - gap))
-    swing = 1.0 + row[:, :, c.ECCENTRICITY] * np.cos(angle)
-    displacement = par.displacement * row[:, :, c.DISPLACEMENT] * (1.0 + wave)
-    return np.asarray(displacement * swing * run.finding(s.PORT_DIFFERENCE, axis))
 
 
 def _accumulator(run: FineRun, axis: int, out: Energies, name: str) -> None:

@@ -1,19 +1,16 @@
-"""How fast and how exact the plant is: over real time, beside SciPy's solvers, and with shorter steps.
+"""How fast and how exact the plant is: over real time, and beside SciPy's solvers.
 
 SciPy's solvers get the plant's own compiled right-hand side through a thin wrapper, with commands and
 conditions held as there; a solver starts anew wherever a command arrives, as any solver must.
-
-A difference of two runs counts against what a sensor cannot see: the root mean square of its white noise and
-of its rounding, LSB/√12. For the encoders, which have no noise, that is LSB/√12 alone. Differences are those
-of the true quantities, before any sensor.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from statistics import median
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +19,13 @@ from scipy.integrate import solve_ivp
 from fdd.plant import state as s
 from fdd.plant.equations import right_hand_side
 from fdd.plant.integrator import PERIOD, STEPS
+from fdd.plant.prepare import Prepared, prepare
+from fdd.plant.scenario import Scenario
+from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import raw_blocks, simulate
 from fdd.plant.steps import tolerances
 from fdd.unit import Unit
-from reports.plant.cases import Case
+from reports.writing import timed
 
 Array = NDArray[np.float64]
 
@@ -38,12 +38,59 @@ _STAGES = 6
 """Evaluations of the right-hand side in a step: the seventh is the next one's first."""
 
 
+@dataclass(frozen=True)
+class Case:
+    """A run of axis A that is measured, with axis B where the scenario's `settings` have a partner."""
+
+    name: str
+    settings: dict[str, Any]
+    unit: Unit = field(default_factory=lambda: Unit.load("axis_a"))
+
+    @property
+    def partner(self) -> Unit | None:
+        """The second axis."""
+        return Unit.load("axis_b") if "partner" in self.settings else None
+
+    def scenario(self, duration: float, **more: Any) -> Scenario:
+        """The run of `duration` s."""
+        return Scenario(**{"unit": self.unit.name, "seed": 4, **self.settings, **more, "duration": duration})
+
+    def prepared(self, duration: float, refine: float = 1.0) -> Prepared:
+        """The run, ready, with every sample at its millisecond."""
+        whole = self.scenario(duration, recording=Recording.perfect())
+        return prepare(self.unit, whole, partner=self.partner, refine=refine)
+
+    def states(self, duration: float, refine: float = 1.0) -> tuple[Array, Array]:
+        """States (n, …) and commands (n, 2) of the run, at every millisecond."""
+        rows = self.scenario(duration).rows
+        block = next(iter(raw_blocks(self.prepared(duration, refine), block=rows)))
+        return block.states, block.commands
+
+
+_FAULT = {"faults": [{"fault": "internal_leakage", "severity": 0.5, "onset": 2.0}]}
+SPEED = (
+    Case("steps", {"duty": {"name": "steps"}, "load": {"name": "constant"}, **_FAULT}),
+    Case("sines", {"duty": {"name": "sines"}, "load": {"name": "spring"}, **_FAULT}),
+    Case("sawtooth", {"duty": {"name": "sawtooth"}, "load": {"name": "inertia"}, **_FAULT}),
+    Case("strokes", {"duty": {"name": "strokes"}, "load": {"name": "throttle"}, **_FAULT}),
+    Case("flight, gust", {"duty": {"name": "flight"}, "load": {"name": "gust"}, **_FAULT}),
+    Case("prbs", {"duty": {"name": "prbs", "amplitude": 0.01}, **_FAULT}),
+    Case("two axes, steps", {"duty": {"name": "steps"}, "partner": {}, **_FAULT}),
+    Case("two axes, sines", {"duty": {"name": "sines"}, "load": {"name": "spring"}, "partner": {}, **_FAULT}),
+)
+"""For the real-time factor: everything on."""
+WORK = Case("prbs of speed, throttle", {
+    "duty": {"name": "prbs", "bit": 0.1, "speed": 60.0, "lead_in": 0.05},
+    "control": {"mode": "speed"}, "load": {"name": "throttle"},
+})  # fmt: skip
+"""For error over work: open-loop speeds, the same commands for every solver."""
+
+
 def integrate(
     case: Case, commands: Array, method: str, rtol: float, atol_factor: float, duration: float
 ) -> tuple[Array, int]:
-    """Run a case by a `method` of `scipy.integrate.solve_ivp`, absolute tolerances over the plant's own.
-
-    `commands`: (n, 2) rad/s, what the controllers asked for each millisecond; they act one later.
+    """Run a case by a `method` of `scipy.integrate.solve_ivp`, absolute tolerances over the plant's own, with
+    `commands` (n, 2) rad/s, which act a millisecond later.
 
     Gives states (n, …) at the start of every millisecond, fewer where the solver gave up, and evaluations of
     the right-hand side.
@@ -75,15 +122,7 @@ def integrate(
     return states, evaluations
 
 
-def timed(run: Callable[[], object]) -> float:
-    """s of processor time."""
-    began = time.process_time()
-    run()
-    return time.process_time() - began
-
-
-@dataclass(frozen=True)
-class RealTime:
+class RealTime(NamedTuple):
     """Simulated over processor time of a case, sensors and truth included, and steps for each millisecond."""
 
     case: str
@@ -93,7 +132,7 @@ class RealTime:
 
 def real_time(case: Case, duration: float, repeats: int) -> RealTime:
     """Measure a case of `duration` s: medians of repeated runs, on one core, after everything is compiled."""
-    scenario, ready = case.scenario(duration, whole=False), case.prepared(duration)
+    scenario, ready = case.scenario(duration), case.prepared(duration)
     for _ in raw_blocks(ready):
         pass
     # The first run loads what is loaded late.
@@ -101,8 +140,7 @@ def real_time(case: Case, duration: float, repeats: int) -> RealTime:
     return RealTime(case.name, duration / median(took[1:]), float(ready.memory[STEPS]) / scenario.rows)
 
 
-@dataclass(frozen=True)
-class Work:
+class Work(NamedTuple):
     """One point of error over work: rms errors (m, Pa) against the reference, and for each second simulated
     the processor time (s) and evaluations of the right-hand side."""
 
@@ -115,78 +153,37 @@ class Work:
 
 
 def work_precision(case: Case, duration: float, repeats: int) -> tuple[list[Work], float]:
-    """Error over work of the plant's integrator and of peers, of which commands do not hang on states.
+    """Error over work of the plant and of peers, medians of the repeats (three at most for peers).
 
-    Gives points (medians of the repeats, three at most for peers), and the rms of the pressure difference
-    (Pa) between the reference and the tightest Radau: how far the reference is to be trusted.
+    Gives also the rms of the pressure difference (Pa) between the reference and the tightest Radau: how far
+    the reference is to be trusted.
     """
     reference, commands = case.states(duration, REFERENCE_REFINEMENT)
+    points = []
 
-    def point(solver: str, setting: str, times: int, run: Callable[[], tuple[Array, float]]) -> Work | None:
+    def add(solver: str, setting: str, times: int, run: Callable[[], tuple[Array, float]]) -> None:
         costs, found = [], []
         for _ in range(times):
             costs.append(timed(lambda: found.append(run())))
         states, evaluations = found[-1]
-        if states.shape[0] < commands.shape[0]:
-            return None
-        off = states - reference
-        drop = off[:, s.SHARED + s.P1] - off[:, s.SHARED + s.P2]
-        position, pressure = (float(np.sqrt(np.mean(x**2))) for x in (off[:, s.X], drop))
-        return Work(solver, setting, position, pressure, median(costs) / duration, evaluations / duration)
+        if states.shape[0] == commands.shape[0]:  # the solver did not give up
+            off = states - reference
+            drop = off[:, s.SHARED + s.P1] - off[:, s.SHARED + s.P2]
+            position, pressure = (float(np.sqrt(np.mean(x**2))) for x in (off[:, s.X], drop))
+            cost = (median(costs) / duration, evaluations / duration)
+            points.append(Work(solver, setting, position, pressure, *cost))
 
-    def own(refine: float) -> tuple[Array, float]:
-        ready = case.prepared(duration, refine)
-        states = next(iter(raw_blocks(ready, block=reference.shape[0]))).states
-        return states, float(ready.memory[STEPS]) * _STAGES
+    for refine in REFINEMENTS:
 
-    points = [point("this plant", f"refine {r:g}", repeats, lambda r=r: own(r)) for r in REFINEMENTS]  # type: ignore[misc]
+        def own(refine: float = refine) -> tuple[Array, float]:
+            ready = case.prepared(duration, refine)
+            states = next(iter(raw_blocks(ready, block=reference.shape[0]))).states
+            return states, float(ready.memory[STEPS]) * _STAGES
+
+        add("this plant", f"refine {refine:g}", repeats, own)
     for method in METHODS:
         integrate(case, commands[:20], method, 1e-3, 1.0, 0.02)  # what is loaded late is not its work
         for rtol, factor in PEER_TOLERANCES:
-            run = lambda m=method, r=rtol, f=factor: integrate(case, commands, m, r, f, duration)  # noqa: E731
-            points.append(point(f"SciPy {method}", f"rtol {rtol:g}", min(repeats, 3), run))
-    done = [p for p in points if p is not None]
-    return done, next((p.pressure for p in reversed(done) if p.solver == "SciPy Radau"), np.nan)
-
-
-@dataclass(frozen=True)
-class Difference:
-    """How far two runs of a case lie apart: for each channel the rms over what its sensor cannot see."""
-
-    case: str
-    rms: dict[str, float]
-
-    @property
-    def worst(self) -> float:
-        """Largest but for the angle's: accumulated, it is an integral that no loop closes, and errors of each
-        corner that a step runs over add up like a random walk."""
-        return max(value for channel, value in self.rms.items() if channel != "pump_angle")
-
-
-def against_half_steps(case: Case, duration: float) -> Difference:
-    """The case's usual run against steps half as long."""
-    return _difference(case, case.states(duration)[0], case.states(duration, 2.0)[0])
-
-
-def against_radau(case: Case, duration: float, rtol: float = 1e-10) -> Difference:
-    """The case's usual run against SciPy's Radau with tight tolerances, fed the same commands."""
-    states, commands = case.states(duration)
-    peer, _ = integrate(case, commands, "Radau", rtol, 1e-2, duration)
-    return _difference(case, states[: peer.shape[0]], peer)
-
-
-def _difference(case: Case, one: Array, other: Array) -> Difference:
-    rms: dict[str, float] = {}
-    for axis, unit in enumerate(filter(None, (case.unit, case.partner))):
-        # As shipped: also where the loop's encoder was given no steps.
-        shipped, off = Unit.load(unit.name), one - other
-        own = off[:, s.SHARED + axis * s.AXIS_STATES :]
-        for channel, error in (
-            ("position", off[:, s.X]), ("pump_speed", own[:, s.SPEED]),
-            ("pressure_difference", own[:, s.P1] - own[:, s.P2]), ("motor_current", own[:, s.CURRENT]),
-            ("pump_angle", own[:, s.ANGLE]),
-        ):  # fmt: skip
-            sensor = shipped.sensor(channel)
-            unseen = np.hypot(sensor.noise, sensor.resolution / np.sqrt(12.0))
-            rms[channel] = max(rms.get(channel, 0.0), float(np.sqrt(np.mean(error**2)) / unseen))
-    return Difference(case.name, rms)
+            run = partial(integrate, case, commands, method, rtol, factor, duration)
+            add(f"SciPy {method}", f"rtol {rtol:g}", min(repeats, 3), run)
+    return points, next((p.pressure for p in reversed(points) if p.solver == "SciPy Radau"), np.nan)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ from fdd.unit import Unit
 from reports.plant.energies import energies, fine_run
 
 
-@dataclass(frozen=True)
-class Wild:
+class Wild(NamedTuple):
     """A scenario that may be run, and how often the rig's rules refused one before."""
 
     unit: Unit
@@ -40,10 +39,7 @@ class Wild:
 
 
 def draw_wild(seed: int, duration: float = 4.0) -> Wild:
-    """Draw scenario `seed` of `duration` s: unit, details, duty, load, faults, valves, second axis.
-
-    Raises `RuntimeError`: a hundred draws were refused.
-    """
+    """Draw scenario `seed` of `duration` s: unit, details, duty, load, faults, valves, second axis."""
     rng = np.random.default_rng([2026, seed])
     recipe = Recipe(schema="fdd.recipe/1", healthy_share=1.0, area_mismatch=0.05)
     first, second = (draw_unit(recipe, rng, index) for index in (seed, seed + 1))
@@ -161,12 +157,9 @@ ENERGY, GIVE = 1e-5, 1e-3
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one wild run came to.
-
-    `failures`: a sentence for everything outside physics. `lowest_pressure`: Pa, absolute. `beyond_stop`: m
-    that the piston went past its stroke. `oil`, `energy`: most that either departed from what came and went,
-    over all of it. `steps`: of the integrator for each millisecond. `refused`: draws by the rig's rules.
-    """
+    """What one wild run came to: sentences for everything outside physics, lowest absolute pressure (Pa), m
+    that the piston went past its stroke, most that oil and energy departed from what came and went, over all
+    of it, steps of the integrator for each millisecond, and draws that the rig's rules refused."""
 
     seed: int
     failures: list[str] = field(default_factory=list)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,20 +10,16 @@ from scipy.signal import lfilter
 
 from fdd.identification.experiments.gain import SLIDING
 from fdd.identification.experiments.gain import dead_band as find_dead_band
-from fdd.identification.friction import curve
 from fdd.plant.details import Details
 from fdd.plant.prepare import chatter_filter
 from fdd.unit import Unit
 from reports.thesis import runs as rig
-from reports.thesis.flow import SLOPES, SPEEDS, speeds_of
-from reports.thesis.friction import MODES, Mode
+from reports.thesis.flow import SPEEDS, speeds_of
 from reports.thesis.response import HIGH, HIGH_SPEED, LOW, respond
 from reports.writing import Panel
 
 Array = NDArray[np.float64]
 
-MOTOR = 0.0011
-"""V: Table 6.1."""
 MOTOR_LEVELS = np.array([0.0, 2e-4, 4e-4, 6e-4, 8e-4, 9e-4, 1e-3, 1.1e-3, 1.2e-3, 1.4e-3, 1.6e-3, 2e-3, 3e-3])
 LEVELS = np.array(
     [0.02, 0.04, 0.06, 0.08, 0.10, 0.11, 0.12, 0.13, 0.14, 0.16, 0.18, 0.20, 0.22, 0.24, 0.26, 0.28]
@@ -72,32 +67,6 @@ def measured_offset(unit: Unit, seed: int, trials: int = _CLIMBS) -> float:
     return float(np.mean(runs))
 
 
-def offset_of_equations(unit: Unit, axis: str) -> float:
-    """The same offset (V) by eqs 5.3 and 5.12 with the thesis's own numbers, nothing of the plant."""
-    area, displacement = unit.cylinder.area_1, unit.pump.displacement
-
-    def steady(mode: Mode, speed: Array) -> Array:
-        found = speed * displacement / area
-        for _ in range(60):
-            leak = SLOPES[axis] * curve(mode.branch, np.maximum(found, 1e-6)) / area
-            found = 0.5 * (found + (displacement * speed - leak) / area)
-        return found
-
-    forward, reverse = (m for m in MODES if m.axis == axis)
-    velocity = np.empty_like(SPEEDS)
-    velocity[SPEEDS > 0.0] = steady(forward, SPEEDS[SPEEDS > 0.0])
-    velocity[SPEEDS < 0.0] = -steady(reverse, -SPEEDS[SPEEDS < 0.0])
-    return float(np.mean(offsets(SPEEDS, velocity)))
-
-
-def _held(unit: Unit) -> tuple[str, str]:
-    """Both static frictions (N) and the commands (V) that hold them against the leakage, as text."""
-    per_newton = rig.holding_leakage(unit) / (unit.cylinder.area_1 * unit.pump.displacement * rig.VOLT)
-    statics = unit.friction.forward.static, unit.friction.reverse.static
-    volts = " and ".join(f"{MOTOR + per_newton * f:.3f}" for f in statics)
-    return " and ".join(f"{f:.0f}" for f in statics), volts
-
-
 def dead_band(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Table 6.1: steady velocities over commands of ±1 to ±10 V, and a climb of small commands."""
     both = (1.0, -1.0)
@@ -106,15 +75,10 @@ def dead_band(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     for name, unit in (("A", axis_a), ("B", axis_b)):
         seeds = range(seed, seed + _CLIMBS)
         climbs = [np.mean([slides_from(unit, LEVELS, s, i) for i in seeds]) for s in both]
-        forces, volts = _held(unit)
         axes[name] = {
             "combined": measured_offset(unit, seed),
             "from_rest": np.mean(climbs),
             "falling": np.mean([slides_from(unit, LEVELS[::-1], s, seed) for s in both]),
-            "by_equations": offset_of_equations(unit, name),
-            "forces": forces,
-            "volts": volts,
-            "per_volt": 1e3 * rig.VOLT * rig.hydraulic_gain(unit),
         }
     cases = {
         "axis A with half its leakage": rig.with_leakage(axis_a, axis_a, 0.5),
@@ -142,8 +106,6 @@ ULTIMATE = 33_750.0
 """(rad/s)/m, by experiment on the rig."""
 OSCILLATES = 20e-6
 """m, peak to peak over the last second: twenty counts of the encoder."""
-MOST = 1e6
-"""(rad/s)/m, highest gain tried."""
 
 
 def filtered_velocity(position: Array) -> Array:
@@ -153,8 +115,7 @@ def filtered_velocity(position: Array) -> Array:
     return np.asarray(lfilter([0.0, b1, b2], [1.0, a1, a2], rate))
 
 
-@dataclass(frozen=True)
-class Steps:
+class Steps(NamedTuple):
     """Trials of one direction: the first one's s since the step, m and m/s (filtered) along it, (n,) each;
     of all, (trials,): saturated velocity (m/s), for how long (s), final error (m)."""
 
@@ -195,21 +156,12 @@ def position_step(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
         "axis B riding along, by-pass and throttle open": (axis_a, {"partner": rig.riding_partner(axis_b)}),
     }
     parts = {name: step_trials(unit, 1.0, seed, **how) for name, (unit, how) in cases.items()}
-    band, command = Details().command_dead_band, GAIN * abs(float(np.mean(forward.error)))
-    per_speed = axis_a.pump.displacement * axis_a.cylinder.area_1 / rig.holding_leakage(axis_a)
     shown = (forward.time > -0.3) & (forward.time < 2.0)
     time, along = forward.time[shown], "time since the step (s)"
     position, velocity = 1e3 * forward.position[shown], forward.velocity[shown]
     return {
         "ways": {"forward": forward, "reverse": step_trials(axis_a, -1.0, seed)},
         "parts": {"as it is": forward, **parts},
-        "ratio": rig.hydraulic_gain(axis_a),
-        "area": axis_a.cylinder.area_1,
-        "command": command,
-        "force": (command - band) * per_speed,
-        "needed": (GAIN * 21e-6 - band) * per_speed,
-        "band": band / GAIN,
-        "rig_band": 0.06 * rig.VOLT / GAIN,
         "picture": [
             Panel([(time, position, "C0-", "plant")], {"ylabel": "position (mm)"},
                   at_y={1e3 * STEP: "set-point"}),
@@ -229,29 +181,26 @@ def oscillation(unit: Unit, gain: float, seed: int, partner: rig.Beside | None =
 
 def least_oscillating(unit: Unit, seed: int, partner: rig.Beside | None = None) -> float:
     """Least gain that oscillates, to 3 %; NaN for none."""
-    low, high = 0.5 * ULTIMATE, float("nan")
-    for gain in 0.5 * ULTIMATE * np.sqrt(2.0) ** np.arange(12):
-        if gain <= MOST and oscillation(unit, float(gain), seed, partner) > OSCILLATES:
-            high = float(gain)
-            break
-        low = float(gain)
+
+    def oscillates(gain: float) -> bool:
+        return oscillation(unit, gain, seed, partner) > OSCILLATES
+
+    climb = (0.5 * ULTIMATE * 2.0 ** (0.5 * step) for step in range(12))
+    high = next(filter(oscillates, climb), float("nan"))
+    low = max(high / np.sqrt(2.0), 0.5 * ULTIMATE)
     while high / low > 1.03:
         middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if oscillation(unit, middle, seed, partner) > OSCILLATES else (middle, high)
+        low, high = (low, middle) if oscillates(middle) else (middle, high)
     return high
 
 
 def linear_ultimate_gain(model: rig.TransferFunction) -> float:
-    """Proportional gain at which the loop around ``model/s`` is on the verge, (rad/s)/m.
-
-    Where velocity over demanded speed lags 90°, and the integrator the other 90°.
-    """
+    """Proportional gain at which the loop around ``model/s`` is on the verge, (rad/s)/m: where the model lags
+    90°, and the integrator the other 90°."""
     frequency = np.geomspace(0.05, 400.0, 40_001)
     response = model.at(frequency) / np.sign(model.gain)
     late = np.flatnonzero(np.unwrap(np.angle(response)) < -0.5 * np.pi)
-    if late.size == 0:
-        return float("nan")
-    return float(2.0 * np.pi * frequency[late[0]] / np.abs(response[late[0]]))
+    return float(2.0 * np.pi * frequency[late[0]] / np.abs(response[late[0]])) if late.size else np.nan
 
 
 def ultimate_gain(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
@@ -267,6 +216,5 @@ def ultimate_gain(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
         "late_riding": least_oscillating(late_unit, seed, beside),
         "late": least_oscillating(late_unit, seed),
         "soft": least_oscillating(rig.changed(late_unit, "oil", bulk_modulus=4e7), seed),
-        "crossing": ULTIMATE * rig.hydraulic_gain(axis_a) / (2 * np.pi),
         "oscillates": OSCILLATES,
     }

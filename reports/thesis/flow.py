@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from fdd.identification.experiments.response import Coefficients, from_profile
 from fdd.measures import ATMOSPHERE_PA
 from fdd.plant.details import Details
 from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.residuals.oil import air_compliance
+from fdd.plant.oil import stiff_bulk_modulus
 from fdd.samples import Samples
 from fdd.unit import Oil, Unit
 from reports.thesis import runs as rig
@@ -20,23 +19,19 @@ from reports.writing import Panel
 
 Array = NDArray[np.float64]
 
-IMPLIED_DISPLACEMENT = 5.50e-7
-"""m³/rad: what the thesis's 3.62e-4 m/rad, and its flow of 5.76e-5 m³/s at 104.7 rad/s, come from."""
 SPEEDS = rig.VOLT * np.array([-10.0, -8.0, -6.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0])
 """rad/s, commanded."""
 _TRAVEL = 0.2
 
 SLOPES = {"A": 6.52e-12, "B": 4.27e-12}
 """Leakage (m³/(s·Pa)), section 5.2."""
-END_PRESSURE, END_FLOW, DEMANDED_FLOW = 3.36e6, 3.39e-5, 5.76e-5
-"""Pa and m³/s of axis A, section 5.2."""
+END_PRESSURE = 3.36e6
+"""Pa of axis A, section 5.2."""
 TRIALS = 3
 _SHARES = (0.0, 0.045, 0.15)
 _THROTTLES = (0.1e6, 0.4e6, 0.9e6, 1.6e6, 2.5e6, 3.5e6, 4.5e6, 6.0e6, 7.4e6)
 _START, _END, _WINDOW, _LONGEST = -0.130, 0.130, 0.4, 16.0
 
-BULK_MODULUS = 2.10e8
-"""Pa, section 5.4, from Chinniah et al."""
 CHARGES = (0.57, 0.7, 0.85, 1.0, 1.2, 1.43)
 """Charge over the unit's: 275 to 689 kPa."""
 MORE_AIR = 0.2
@@ -47,16 +42,14 @@ VISCOUS = 800.0
 
 
 def speeds_of(unit: Unit, seed: int) -> tuple[Array, Array]:
-    """Steady pump speed (rad/s) and actuator velocity (m/s) at twelve commands, each (12,): slopes of the two
-    encoders over the second half of each stroke."""
+    """Pump speed (rad/s) and actuator velocity (m/s) at each of `SPEEDS`, over the stroke's second half."""
     found = []
     for i, speed in enumerate(SPEEDS):
         expected = abs(speed) * unit.pump.displacement / unit.cylinder.area_1
         n = round(min(_TRAVEL / expected, 4.0) / rig.PERIOD)
         command = np.concatenate([np.zeros(100), np.full(n, speed)])
         log = rig.run_speed(unit, command, start=-0.5 * _TRAVEL * np.sign(speed), seed=seed + i).samples
-        half = slice(100 + n // 2, None)
-        found.append(_rates(log, half))
+        found.append(_rates(log, slice(100 + n // 2, None)))
     pump, actuator = np.array(found).T
     return pump, actuator
 
@@ -68,40 +61,31 @@ def _rates(log: Samples, rows: slice) -> list[float]:
 
 def gain(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 5.1: actuator velocity over pump speed without load (m/rad), of both axes."""
-    smaller = rig.changed(axis_a, "pump", displacement=IMPLIED_DISPLACEMENT)
-    units = {"a": axis_a, "b": axis_b, "implied": smaller}
-    slopes = {name: float(np.polyfit(*speeds_of(unit, seed), 1)[0]) for name, unit in units.items()}
-    return {**slopes, "calculated": rig.hydraulic_gain(axis_a)}
+    a, b = (float(np.polyfit(*speeds_of(unit, seed), 1)[0]) for unit in (axis_a, axis_b))
+    return {"a": a, "b": b}
 
 
-@dataclass(frozen=True)
-class Strokes:
-    """Steady points of one axis, (m,) each: pressure difference (Pa), pump and actuator flow (m³/s)."""
+class Strokes(NamedTuple):
+    """Steady points of one axis, (m,) each: pressure difference (Pa), flow that arrives and leak (m³/s), Dp·ω
+    less it (eq. 5.3)."""
 
     pressure: Array
-    pumped: Array
     arrived: Array
-
-    @property
-    def leak(self) -> Array:
-        """(m,) m³/s, Dp·ω - A·v of eq. 5.3."""
-        return self.pumped - self.arrived
+    leak: Array
 
     @property
     def slope(self) -> float:
         """m³/(s·Pa) of a straight line through leak over pressure."""
         return float(np.polyfit(self.pressure, self.leak, 1)[0])
 
-    def flow_at(self, pressure: float) -> float:
-        """Flow that arrives at a pressure, m³/s, by a straight line through all points."""
-        return float(np.polyval(np.polyfit(self.pressure, self.arrived, 1), pressure))
+    @property
+    def end_flow(self) -> float:
+        """Flow that arrives at `END_PRESSURE`, m³/s, by a straight line through all points."""
+        return float(np.polyval(np.polyfit(self.pressure, self.arrived, 1), END_PRESSURE))
 
 
 def strokes(unit: Unit, partner: Unit, seed: int) -> Strokes:
-    """Strokes against ever narrower throttles, as far as the relief valves allow.
-
-    A point is the mean over the last 0.4 s before the stroke's end.
-    """
+    """Strokes against ever narrower throttles, as far as the relief valves allow; the last 0.4 s of each."""
     points = []
     command = np.full(round(_LONGEST / rig.PERIOD), rig.THOUSAND_RPM)
     for i, throttle in enumerate(_THROTTLES):
@@ -111,10 +95,10 @@ def strokes(unit: Unit, partner: Unit, seed: int) -> Strokes:
         end = int(arrived[0]) if arrived.size else len(log)
         steady = slice(end - round(_WINDOW / rig.PERIOD), end)
         pump, actuator = _rates(log, steady)
-        pressure = float(np.mean(log["pressure_difference"][steady]))
+        pumped, moved = unit.pump.displacement * pump, unit.cylinder.area_1 * actuator
         # A relief valve that has opened on the way stays so until well below its setting.
         if np.max(log["pressure_difference"][:end]) < 0.99 * unit.accumulator.relief_pressure:
-            points.append((pressure, unit.pump.displacement * pump, unit.cylinder.area_1 * actuator))
+            points.append((np.mean(log["pressure_difference"][steady]), moved, pumped - moved))
     return Strokes(*np.array(points).T)
 
 
@@ -134,9 +118,8 @@ def leakage(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     shares = []
     for share in _SHARES:
         a, b = (strokes(with_case_share(u, share), other, seed) for u, other in pairs.values())
-        shares.append((share, a.slope, b.slope, a.flow_at(END_PRESSURE)))
-    flow = float(np.mean([t.flow_at(END_PRESSURE) for t in trials["A"]]))
-    demanded = axis_a.pump.displacement * rig.THOUSAND_RPM
+        shares.append((share, a.slope, b.slope, a.end_flow))
+    flow = float(np.mean([t.end_flow for t in trials["A"]]))
     line = np.array([0.0, 1e-6 * END_PRESSURE])
     curves = [
         (1e-6 * t.pressure, 1e5 * t.leak, style, f"plant, axis {name}" if k == 0 else None)
@@ -147,16 +130,7 @@ def leakage(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
         for name, style in (("A", "C0--"), ("B", "C1--"))
     ]
     axes = {"xlabel": "pressure difference (MPa)", "ylabel": "leak flow (10⁻⁵ m³/s)"}
-    return {
-        "pumps": {name: unit.pump for name, (unit, _) in pairs.items()},
-        "slopes": slopes,
-        "shares": shares,
-        "flow": flow,
-        "demanded": demanded,
-        "end_thesis": (DEMANDED_FLOW - END_FLOW) / END_PRESSURE,
-        "end_plant": (demanded - flow) / END_PRESSURE,
-        "picture": [Panel(curves, axes)],
-    }
+    return {"slopes": slopes, "shares": shares, "flow": flow, "picture": [Panel(curves, axes)]}
 
 
 def pressurise(unit: Unit, charge: float, seed: int, air: float = 0.0) -> tuple[float, float]:
@@ -170,14 +144,10 @@ def pressurise(unit: Unit, charge: float, seed: int, air: float = 0.0) -> tuple[
     still = Details(pump_ripple=0.0)
     log = rig.run_speed(unit, speed, charge_factor=charge, faults=faults, details=still, seed=seed).samples
     lost = unit.pump.total_leakage * np.cumsum(log["pressure_1"] - log["pressure_2"]) * rig.PERIOD
-    went_in = (
-        unit.pump.displacement * log["pump_angle"]
-        - unit.cylinder.area_1 * (log["position"] - log["position"][0])
-        - lost
-    )
-    rising = slice(120, None)
-    slope = float(np.polyfit(went_in[rising], log["pressure_1"][rising], 1)[0])
-    return float(np.mean(log["pressure_1"][rising])), unit.cylinder.volume_1 * slope
+    moved = unit.cylinder.area_1 * (log["position"] - log["position"][0])
+    went_in = (unit.pump.displacement * log["pump_angle"] - moved - lost)[120:]
+    pressure = log["pressure_1"][120:]
+    return float(np.mean(pressure)), unit.cylinder.volume_1 * float(np.polyfit(went_in, pressure, 1)[0])
 
 
 def equation_5_20(oil: Oil, stiff: float, air: float, pressure: Array) -> Array:
@@ -204,8 +174,7 @@ def bulk_modulus(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
         np.mean([[pressurise(axis_a, c, seed + i, air) for c in CHARGES] for i in range(4)], axis=0)
         for air in (0.0, MORE_AIR)
     )
-    air = oil.air_fraction * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
-    stiff = 1.0 / (1.0 / oil.bulk_modulus - air)
+    stiff = stiff_bulk_modulus(oil)
     law = equation_5_20(oil, stiff, oil.air_fraction, points[:, 0])
     fine = np.linspace(0.0, 1.5e6, 300)
     curves = []
@@ -225,15 +194,13 @@ def bulk_modulus(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
         "law_airy": float(np.mean(equation_5_20(oil, stiff, airier, airy[:, 0]))),
         "airy": float(np.mean(airy[:, 1])),
         "worst": float(np.max(np.abs(points[:, 1] / law - 1.0))),
-        "picture": [Panel(curves, axes, at_y={1e-6 * BULK_MODULUS: "thesis: 210 MPa"})],
+        "picture": [Panel(curves, axes, at_y={210.0: "thesis: 210 MPa"})],
     }
 
 
 def small_motion(unit: Unit, viscous: float, seed: int) -> tuple[Array, Array]:
-    """Pump speed (rad/s) and velocity (m/s), (n,), of a small step with viscous friction alone.
-
-    So small that neither refeeding valve opens: then both chambers work, as eq. 5.22 has it.
-    """
+    """Pump speed (rad/s) and velocity (m/s), (n,), of a step with viscous friction alone, so small that
+    neither refeeding valve opens: then both chambers work, as eq. 5.22 has it."""
     linear = unit.model_copy(deep=True)
     for branch in (linear.friction.forward, linear.friction.reverse):
         branch.coulomb = branch.static = 0.0
@@ -248,15 +215,10 @@ def small_motion(unit: Unit, viscous: float, seed: int) -> tuple[Array, Array]:
     return truth["pump_speed"], truth["velocity"]
 
 
-def fit_second_order(pump_speed: Array, velocity: Array, start: Coefficients) -> Coefficients:
-    """Coefficients whose response to the pump speed comes nearest to the velocity, both (n,) from rest."""
-
-    def off(theta: Array) -> Array:
-        model = rig.TransferFunction((theta[0],), (1.0, theta[1], theta[2]), 0.0)
-        return np.asarray((model.simulate(pump_speed, rig.PERIOD) - velocity) / velocity.std())
-
-    guess = np.array([start.numerator, max(start.damping, 1.0), start.stiffness])
-    return Coefficients(*(float(x) for x in least_squares(off, guess, x_scale=guess, xtol=1e-12).x))
+def found_again(unit: Unit, viscous: float, seed: int) -> Coefficients:
+    """Coefficients of eq. 5.22 whose response to the pump's speed is nearest to a small step's velocity."""
+    model, _ = rig.fit_output_error(*small_motion(unit, viscous, seed), zeros=0, poles=2, delay=0.0)
+    return Coefficients(*model.numerator, *model.denominator[1:])
 
 
 def transfer_function(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
@@ -264,8 +226,8 @@ def transfer_function(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     out = {}
     for name, unit in (("A", axis_a), ("B", axis_b)):
         free, damped = (from_profile(unit, b) for b in (0.0, VISCOUS))
-        in_plant = fit_second_order(*small_motion(unit, 0.0, seed), free)
-        plant_damped = fit_second_order(*small_motion(unit, VISCOUS, seed), damped)
+        in_plant = found_again(unit, 0.0, seed)
+        plant_damped = found_again(unit, VISCOUS, seed)
         out[name] = {
             "free": free,
             "plant": in_plant,

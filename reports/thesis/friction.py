@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +12,17 @@ from fdd.identification.friction import curve
 from fdd.plant.details import Details
 from fdd.plant.simulate import Simulation
 from fdd.unit import FrictionBranch, Unit
-from reports.thesis.runs import PERIOD, VOLT, Figures, both_pumps, run_speed, velocity
+from reports.thesis.runs import PERIOD, VOLT, Figures, both_pumps, changed, run_speed, velocity
 from reports.writing import Panel
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Mode:
-    """One of the thesis's operating modes.
+class Mode(NamedTuple):
+    """An operating mode: axis A or B, sign 1 forward or -1 reverse.
 
-    `axis`, `sign`: A or B, and 1 forward or -1 reverse. `static`, `spread`: Table 5.1, mean and standard
-    deviation (N). `branch`: Table 5.2 with eqs 5.15 to 5.18; Table 5.3 contradicts it for all but A forward.
+    `static`, `spread`: Table 5.1, mean and standard deviation (N). `branch`: Table 5.2 with eqs 5.15 to 5.18;
+    Table 5.3 contradicts it for all but A forward.
     """
 
     axis: str
@@ -63,7 +62,6 @@ TRIALS = 24
 LOWEST = 0.011
 """m/s from which the thesis has measured."""
 _RUN_UP, _SLOW_RUN_UP, _LONGEST = 2.0, 8.0, 4.2
-_ACCELERATION = 0.11
 _SMOOTHING = 21
 _SETTLED = 70
 _AT = (0.03, 0.05, 0.11)
@@ -71,10 +69,8 @@ _LATE = Details(friction_memory=0.04)
 
 
 def drive_both(mode: Mode, units: dict[str, Unit], speed: Array, seed: int, details: Details) -> Simulation:
-    """Drive one cylinder in one direction by both pumps, without load, from near the stroke's end.
-
-    `speed`: (n,) rad/s, magnitude commanded of both. `details`: for one pump; its dry friction is doubled.
-    """
+    """Drive one cylinder by both pumps, without load, from near the stroke's end, at a `speed` (n,) rad/s;
+    `details` are for one pump, its dry friction is doubled."""
     other = "B" if mode.axis == "A" else "A"
     driven = both_pumps(units[mode.axis], units[other])
     twice = details.model_copy(update={"pump_coulomb_torque": 2.0 * details.pump_coulomb_torque})
@@ -102,13 +98,10 @@ def peaks(
 
 
 def creeping_peaks(mode: Mode, units: dict[str, Unit], seed: int, trials: int = 10) -> Array:
-    """Peak force where both pumps start so slowly that the pressure needs seconds to rise, (trials,) N.
-
-    The sensor's noise is averaged over 0.25 s.
-    """
-    found = []
+    """Peak force, mean over 0.25 s, where both pumps start so slowly that the pressure needs seconds to rise,
+    (trials,) N."""
+    found, speed = [], np.full(round(_CREEP_TIME / PERIOD), VOLT * _CREEP_VOLT)
     for i in range(trials):
-        speed = np.full(round(_CREEP_TIME / PERIOD), VOLT * _CREEP_VOLT)
         out = drive_both(mode, units, speed, seed + i, Details())
         force = force_of(mode, out.unit, out.samples["pressure_difference"])
         found.append(float(np.max(np.convolve(force, np.full(250, 0.004), mode="valid"))))
@@ -123,9 +116,8 @@ def _line(values: Array) -> tuple[float, float]:
 
 def _rise(mode: Mode, units: dict[str, Unit], seed: int, as_is: Array) -> dict[str, Array]:
     """One mode's peaks with one thing changed at a time."""
-    lighter = {name: unit.model_copy(deep=True) for name, unit in units.items()}
-    for unit in lighter.values():
-        unit.cylinder.moving_mass *= 0.1
+    masses = {name: 0.1 * unit.cylinder.moving_mass for name, unit in units.items()}
+    lighter = {name: changed(unit, "cylinder", moving_mass=masses[name]) for name, unit in units.items()}
     return {
         "as it is": as_is,
         f"all steps of {_ALIKE:g} V": peaks(mode, units, seed, volts=np.full(VOLTS.size, _ALIKE))[0],
@@ -152,24 +144,21 @@ def static_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
         "rise": _rise(steepest, units, seed + 1000 * MODES.index(steepest), found[steepest.name]),
         "line": _line,
         "sure": _SURE,
-        "drawn": {name: unit.friction.trial_spread for name, unit in units.items()},
         "noise": np.mean([np.mean(measured - true) for measured, true in both.values()]),
         "lower": [found[m.name].mean() - creeping[m.name].mean() for m in MODES],
         "plain": peaks(MODES[0], units, seed, Details(breakaway=0.0))[0],
-        "at_slowest": MODES[0].branch.coulomb + 359.1 * np.exp(-((0.011 / 0.026) ** 0.590)),
+        "at_slowest": float(curve(MODES[0].branch, np.array(LOWEST))),
     }
 
 
 def run_up(
     mode: Mode, units: dict[str, Unit], seed: int, seconds: float = _RUN_UP, details: Details | None = None
 ) -> tuple[Array, Array]:
-    """Speed (m/s) and friction (N) while the cylinder goes from 0 towards 0.22 m/s, (n,) each.
-
-    Friction is pressure force less mass times acceleration, both over 21 ms.
-    """
+    """Speed (m/s) and friction (N), pressure force less mass times acceleration, while the cylinder goes from
+    0 towards 0.22 m/s, (n,) each, over 21 ms."""
     ramp = np.linspace(0.0, 10.0 * VOLT, round(seconds / PERIOD))[: round(_LONGEST / PERIOD)]
     out = drive_both(mode, units, np.concatenate([np.zeros(_REST), ramp]), seed, details or Details())
-    speed = mode.sign * velocity(out.samples["position"], PERIOD, 50.0)
+    speed = mode.sign * velocity(out.samples["position"], 50.0)
     inertia = out.unit.cylinder.moving_mass * np.gradient(speed, PERIOD)
     window = np.full(_SMOOTHING, 1.0 / _SMOOTHING)
     force = force_of(mode, out.unit, out.samples["pressure_difference"])
@@ -202,7 +191,6 @@ def sliding_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
     grid = np.concatenate([at, np.linspace(LOWEST, 0.20, 24)])
     fine = np.linspace(1e-3, 0.22, 400)
     scatters, first, panels, modes = [], [], [], []
-    lag, seal = Details().friction_memory, Details().seal_damping
     for k, mode in enumerate(MODES):
         seeds = range(seed + 1000 * k, seed + 1000 * k + TRIALS)
         runs = [run_up(mode, units, i) for i in seeds]
@@ -222,7 +210,6 @@ def sliding_friction(axis_a: Unit, axis_b: Unit, seed: int) -> Figures:
             "thesis": mode.branch,
             "fit": fit,
             "at": list(zip(_AT, expected, fitted, points, slow, late, strict=False)),
-            "lagged": curve(mode.branch, at - _ACCELERATION * lag) + seal * _ACCELERATION * lag,
             "off_fit": np.sqrt(np.nanmean((points - fitted) ** 2)),
             "off_thesis": np.sqrt(np.nanmean((points - expected) ** 2)),
         })  # fmt: skip

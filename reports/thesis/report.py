@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import typer
 
@@ -17,9 +15,11 @@ from fdd.markdown import table
 from fdd.plant.details import Details
 from fdd.unit import Unit
 from reports.thesis import control, flow, friction, response
-from reports.thesis.runs import Figures
-from reports.writing import FOLDER, OutOption, draw, require_folder, template, write_report
+from reports.thesis.runs import VOLT, Figures, holding_leakage, hydraulic_gain
+from reports.writing import FOLDER, OutOption, draw, number_text, render, require_folder, write_report
 
+AXES = {name: Unit.load(f"axis_{name.lower()}") for name in "AB"}
+TEMPLATE = Path(__file__).with_name("thesis.md.j2")
 HEAD = ["what", "thesis, where", "thesis", "plant", "unit", "deviation", "verdict"]
 EXPERIMENTS: tuple[Callable[[Unit, Unit, int], Figures], ...] = (
     flow.gain,
@@ -42,13 +42,11 @@ READING = 0.05
 """Relative deviation allowed where the thesis gives no spread: its plots cannot be read closer."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """One number of the thesis beside the plant's.
+class Row(NamedTuple):
+    """One number of the thesis beside the plant's; `where` in the thesis it stands.
 
-    `where`: section, equation or table of the thesis. `thesis`, `plant`: values in `unit`. `tolerance`:
-    allowed distance; None for `READING` of the thesis's value. `why`: shown where the row does not meet.
-    `note`: shown in any case. `digits`: significant ones to show.
+    `tolerance`: allowed distance, None for `READING` of the thesis's value. `why`: shown where the row does
+    not meet. `note`: shown in any case. `digits`: significant ones to show.
     """
 
     what: str
@@ -90,13 +88,6 @@ class Row:
         return [self.what, self.where, *values, unit, self.deviation, verdict]
 
 
-def number_text(number: float, digits: int = 3) -> str:
-    """A number with its significant digits, without an exponent, never ``-0``."""
-    if number != number or number == 0.0:
-        return "0" if number == 0.0 else "none"
-    return format(Decimal(f"{number:.{digits - 1}e}"), "f")
-
-
 def thesis(
     out: OutOption = FOLDER, seed: Annotated[int, typer.Option(min=0, max=10_000, help="Of all trials.")] = 0
 ) -> None:
@@ -106,10 +97,9 @@ def thesis(
     with progress("the thesis's experiments", float(len(EXPERIMENTS))) as advance:
         for number, experiment in enumerate(EXPERIMENTS, 1):
             name = experiment.__name__
-            found = experiment(Unit.load("axis_a"), Unit.load("axis_b"), 100_000 * seed + 1)
-            panels = found.pop("picture", [])
-            if panels:
-                columns, height = (2, 6.0) if len(panels) == 4 else (1, 4.2 if len(panels) == 1 else 5.6)
+            found = experiment(AXES["A"], AXES["B"], 100_000 * seed + 1)
+            if panels := found.pop("picture", []):
+                columns, height = {1: (1, 4.2), 2: (1, 5.6), 4: (2, 6.0)}[len(panels)]
                 draw(out / "thesis" / f"{name}.png", panels, columns=columns, height=height)
             sections.append(section(name, found))
             advance(float(number))
@@ -126,8 +116,9 @@ def section(name: str, found: Figures) -> tuple[str, list[Row]]:
         cells = [[*row.cells(), f"± {number_text(row.allowed, 2)}"] for row in rows]
         return "\n".join([*table([*HEAD, "allowed"], cells), *_said(rows)])
 
-    text = _block(
-        name, **found, details=Details(), hertz=2.0 * math.pi, rows=shown,
+    text = render(
+        TEMPLATE, name, **found, details=Details(), hertz=2.0 * math.pi, volt=VOLT, units=AXES, rows=shown,
+        gain_of=hydraulic_gain, holding=holding_leakage,
         row=lambda *values, **more: rows.append(Row(*values, **more)),
         picture=lambda caption: f"![{caption}](thesis/{name}.png)\n\n*{caption}*\n",
     )  # fmt: skip
@@ -156,16 +147,10 @@ def report_text(sections: list[tuple[str, list[Row]]], seed: int) -> str:
         summary.append([link, *[""] * (len(HEAD) - 2), f"**{_met(rows)} of {len(rows)} meet**"])
         summary += [row.cells() for row in rows]
         body += [text.replace(f"## {_title(text)}", f"## {title}", 1), ""]
-    return _block(
-        "report", met=_met(every), rows=len(every), reading=READING, seed=seed,
+    return render(
+        TEMPLATE, "report", met=_met(every), rows=len(every), reading=READING, seed=seed,
         summary="\n".join(table(HEAD, summary)), body="\n".join(body),
     )  # fmt: skip
-
-
-def _block(name: str, **given: Any) -> str:
-    """A block of the template."""
-    page = template(Path(__file__).with_name("thesis.md.j2"), number=number_text)
-    return "".join(page.blocks[name](page.new_context(given)))
 
 
 def _said(rows: list[Row]) -> list[str]:

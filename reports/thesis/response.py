@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.plant.details import Details
 from fdd.unit import Unit
 from reports.thesis import runs as rig
-from reports.writing import Panel
+from reports.writing import Curve, Panel
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -34,8 +33,7 @@ LIMITS = (STALL_TORQUE, 16.1, 26.0)
 """N·m: the stall torque, the profile's limit, and one and a half times that."""
 
 
-@dataclass(frozen=True)
-class Identified:
+class Identified(NamedTuple):
     """A model and its fit (1 explains all), input and output (n,) that it is from, largest current (A)."""
 
     model: rig.TransferFunction
@@ -45,41 +43,37 @@ class Identified:
     largest_current: float
 
 
-def _best_fit(
-    given: Array, caused: Array, delays: Iterable[int], **orders: Any
-) -> tuple[rig.TransferFunction, float]:
+def _best_fit(delays: Iterable[int], *signals: Array, **orders: Any) -> tuple[rig.TransferFunction, float]:
     """Output-error model with the delay (ms) under which it explains most, and its fit."""
-    fits = (rig.fit_output_error(given, caused, rig.PERIOD, delay=d * rig.PERIOD, **orders) for d in delays)
+    fits = (rig.fit_output_error(*signals, delay=d * rig.PERIOD, **orders) for d in delays)
     return max(fits, key=lambda found: found[1])
+
+
+def _seen(command: Array, output: Array, first: int) -> tuple[Array, Array]:
+    """Input and output as the thesis filters them, from the row `first` on."""
+    return rig.held_input(command)[first:], rig.velocity(output)[first:]
 
 
 def identify_motor(unit: Unit, seed: int, details: Details | None = None) -> Identified:
     """Second-order output-error model from demanded to true motor speed, about rest."""
     command = np.concatenate([np.zeros(_REST), rig.VOLT * rig.identification_volts(SECONDS, seed)])
     log = rig.run_speed(unit, command, details=details, seed=seed).samples
-    given = rig.held_input(command, rig.PERIOD)[_REST:]
-    caused = rig.velocity(log["pump_angle"], rig.PERIOD)[_REST:]
-    model, fit = _best_fit(given, caused, range(4), zeros=1, poles=2, highest_hz=150.0)
-    return Identified(model, fit, given, caused, float(np.max(np.abs(log["motor_current"]))))
+    signals = _seen(command, log["pump_angle"], _REST)
+    found = _best_fit(range(4), *signals, zeros=1, poles=2, highest_hz=150.0)
+    return Identified(*found, *signals, float(np.max(np.abs(log["motor_current"]))))
 
 
 def level_bandwidths(unit: Unit, limit: float, seed: int) -> list[str]:
-    """-3 dB points (Hz) of motor / whole actuator at each of `LEVELS`, as figures 6.7 and 6.8.
-
-    By an ETFE through a window of 128 points, below its value at 1 Hz, with the drive's torque limited (N·m).
-    """
+    """-3 dB points (Hz, below the ETFE's value at 1 Hz) of motor / whole actuator at each of `LEVELS`, as
+    figures 6.7 and 6.8, with the drive's torque limited (N·m)."""
     limited, found = rig.with_torque(unit, limit), []
     for volt in LEVELS:
-        command = np.concatenate(
-            [np.zeros(_REST), volt * rig.VOLT * rig.binary_noise(_NOISE_SECONDS, 125.0, seed)]
-        )
+        noise = volt * rig.VOLT * rig.binary_noise(_NOISE_SECONDS, 125.0, seed)
+        command = np.concatenate([np.zeros(_REST), noise])
         log = rig.run_speed(limited, command, seed=seed).samples
-        given = rig.held_input(command, rig.PERIOD)[_REST:]
         points = []
         for channel in ("pump_angle", "position"):
-            frequency, response = rig.windowed_response(
-                given, rig.velocity(log[channel], rig.PERIOD)[_REST:], rig.PERIOD
-            )
+            frequency, response = rig.windowed_response(*_seen(command, log[channel], _REST))
             size = np.abs(response)[frequency >= 1.0]
             points.append(half_power_frequency(frequency[frequency >= 1.0], size, float(size[0])))
         found.append(" / ".join(f"{hz:.0f}" for hz in points))
@@ -92,33 +86,32 @@ def bode(measured: tuple[Array, ComplexArray], model: rig.TransferFunction, thes
     """Magnitude and phase over a gain: measured response, model, the thesis's, and points beside them."""
     frequency, response = measured
     fine, shown = np.geomspace(0.5, highest, 400), (frequency > 0.5) & (frequency < highest)
-    panels = []
-    parts: tuple[tuple[Callable[[ComplexArray], Array], str, tuple[float, float]], ...] = (
-        (decibel, "magnitude (dB)", (-25.0, 8.0)), (degrees, "phase (°)", (-360.0, 20.0)),
-    )  # fmt: skip
-    for part, label, limits in parts:
-        curves = [
-            (frequency[shown], part(response[shown] / gain), "0.65", "plant, ETFE"),
-            (fine, part(model.at(fine) / gain), "C0-", "plant, output-error model"),
-            (fine, part(thesis.at(fine) / gain), "k--", f"thesis, {name}"),
-        ]
-        if points is not None:
-            curves.append((np.array(points[0]), part(points[1]), "C3o", "plant, single sines of ±1.5 V"))
-        settings = {"ylabel": label, "ylim": limits, "xscale": "log", "xlabel": "frequency (Hz)"}
-        panels.append(Panel(curves, settings, at_x={mark: f"thesis, {mark:.1f} Hz"}))
-    return panels
+    curves: list[tuple[Array, ComplexArray, str, str]] = [
+        (frequency[shown], response[shown] / gain, "0.65", "plant, ETFE"),
+        (fine, model.at(fine) / gain, "C0-", "plant, output-error model"),
+        (fine, thesis.at(fine) / gain, "k--", f"thesis, {name}"),
+    ]
+    if points is not None:
+        curves.append((np.array(points[0]), points[1], "C3o", "plant, single sines of ±1.5 V"))
+    common = {"xscale": "log", "xlabel": "frequency (Hz)"}
+    at = {mark: f"thesis, {mark:.1f} Hz"}
+    size: list[Curve] = [(x, decibel(y), style, label) for x, y, style, label in curves]
+    phase: list[Curve] = [(x, degrees(y), style, label) for x, y, style, label in curves]
+    return [
+        Panel(size, {"ylabel": "magnitude (dB)", "ylim": (-25.0, 8.0), **common}, at_x=at),
+        Panel(phase, {"ylabel": "phase (°)", "ylim": (-360.0, 20.0), **common}, at_x=at),
+    ]
 
 
 def _degrees_behind(model: rig.TransferFunction, frequency: float) -> float:
     """How far its phase lies behind eq. 6.11's at a frequency in Hz (°)."""
-    high = np.array([frequency])
-    return float(np.degrees(np.angle(SERVOMOTOR.at(high) / model.at(high)))[0])
+    return float(np.degrees(np.angle(SERVOMOTOR.at(frequency) / model.at(frequency))))
 
 
 def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 6.3: identify axis A's servomotor as the thesis did, and with one thing changed at a time."""
     found = identify_motor(axis_a, seed)
-    measured = rig.empirical_response(found.given, found.caused, rig.PERIOD)
+    measured = rig.empirical_response(found.given, found.caused)
     # A current limit that this signal does not reach; cogging grows with it.
     strong = rig.changed(axis_a, "drive", current_limit=2.0 * axis_a.drive.current_limit)
     quick = identify_motor(axis_a, seed, Details(current_lag=1e-4))
@@ -126,7 +119,6 @@ def servomotor(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
         "thesis": SERVOMOTOR,
         "found": found,
         "rates": np.sort(np.abs(found.model.poles)),
-        "limit": axis_a.drive.current_limit,
         "free": identify_motor(strong, seed),
         "stalled": identify_motor(rig.with_torque(axis_a, STALL_TORQUE), seed),
         "levels": [(limit, level_bandwidths(axis_a, limit, seed)) for limit in LIMITS],
@@ -150,13 +142,9 @@ _LATE = 8e-3
 """s, delay of a drive whose model would have the thesis's 10 ms."""
 
 
-@dataclass(frozen=True)
-class Region:
-    """A working region of section 6.4.
-
-    `mean`: command (V). `thesis`: its model there. `bandwidth`, `pair`, `single`: Hz and 1/s, as the thesis
-    prints them. `seconds`: of the test signal; at speed the stroke ends it. `start`: m from mid-stroke.
-    """
+class Region(NamedTuple):
+    """A working region of section 6.4: mean command (V), the thesis's model with its bandwidth (Hz) and poles
+    (1/s) as printed, s of the test signal, which at speed the stroke ends, and start, m from mid-stroke."""
 
     name: str
     mean: float
@@ -174,12 +162,9 @@ HIGH_SPEED = Region("high speed", 8.375, "eq. 6.13", HIGH, 27.04, -50.9 + 142.3j
 """About 95 mm/s."""
 
 
-@dataclass(frozen=True)
-class Response:
-    """What one axis answered in one region: model and fit, ETFE, single sines and their -3 dB point (Hz).
-
-    ETFE, through the thesis's window of 128 points, is in m/rad; `sines` (len(SINES),) are over Dp/A.
-    """
+class Response(NamedTuple):
+    """What one axis answered in one region: model and fit, ETFE (m/rad) through the thesis's window of 128
+    points, single sines over Dp/A, (len(SINES),), and -3 dB points (Hz)."""
 
     model: rig.TransferFunction
     fit: float
@@ -195,10 +180,10 @@ def _drive(unit: Unit, region: Region, volts: Array, seed: int, **how: Any) -> t
     lead = np.full(_LEVEL if region.mean else 0, region.mean)
     command = rig.VOLT * np.concatenate([np.zeros(_REST), lead, region.mean + volts])
     log = rig.run_speed(unit, command, start=region.start, seed=seed, **how).samples
+    given, speed = _seen(command, log["position"], 0)
     first = _REST + lead.size
-    speed = rig.velocity(log["position"], rig.PERIOD)
     before = float(np.mean(speed[first - 60 : first - 10])) if region.mean else 0.0
-    return rig.held_input(command, rig.PERIOD)[first:] - rig.VOLT * region.mean, speed[first:] - before
+    return given[first:] - rig.VOLT * region.mean, speed[first:] - before
 
 
 def single_sine(unit: Unit, region: Region, frequency: float, seed: int, **how: Any) -> complex:
@@ -211,7 +196,7 @@ def single_sine(unit: Unit, region: Region, frequency: float, seed: int, **how: 
     usable = time.size - 20
     periods = max(int(0.6 * usable * rig.PERIOD * frequency), 1)
     last = slice(usable - round(periods / (frequency * rig.PERIOD)), usable)
-    return rig.response_at(given[last], caused[last], rig.PERIOD, frequency) / rig.hydraulic_gain(unit)
+    return rig.response_at(given[last], caused[last], frequency) / rig.hydraulic_gain(unit)
 
 
 def respond(
@@ -219,8 +204,8 @@ def respond(
 ) -> Response:
     """Third-order output-error model, ETFE and single sines of one axis in one region; `how` it is run."""
     given, caused = _drive(unit, region, rig.identification_volts(region.seconds, seed), seed, **how)
-    model, fit = _best_fit(given, caused, _DELAYS, zeros=2, poles=3)
-    frequency, empirical = rig.windowed_response(given, caused, rig.PERIOD)
+    model, fit = _best_fit(_DELAYS, given, caused, zeros=2, poles=3)
+    frequency, empirical = rig.windowed_response(given, caused)
     own = half_power_frequency(frequency, np.abs(empirical), abs(empirical[0]))
     single = np.array([single_sine(unit, region, f, seed, **how) for f in sines])
     bandwidth = half_power_frequency(np.array(sines), np.abs(single), 1.0)
@@ -238,19 +223,14 @@ def split_poles(model: rig.TransferFunction) -> tuple[complex, float]:
 
 def _figures(region: Region, unit: Unit, found: Response, cases: dict[str, Response]) -> rig.Figures:
     """What the template shows of a region: its model, the models with one thing changed, and the picture."""
-    gain = rig.hydraulic_gain(unit)
-    picture = bode((found.frequency, found.empirical), found.model, region.thesis, region.equation, gain,
-                   region.bandwidth, 80.0, (SINES, found.sines))  # fmt: skip
-    return {"region": region, "found": found, "cases": cases, "poles": split_poles, "gain": gain,
-            "picture": picture}  # fmt: skip
+    picture = bode((found.frequency, found.empirical), found.model, region.thesis, region.equation,
+                   rig.hydraulic_gain(unit), region.bandwidth, 80.0, (SINES, found.sines))  # fmt: skip
+    return {"region": region, "found": found, "cases": cases, "poles": split_poles, "picture": picture}
 
 
 def low_speed(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 6.4 about rest, where the friction of reversal decides."""
-
     case = partial(respond, region=LOW_SPEED, seed=seed)
-    pressure = rig.VOLT * AMPLITUDE * axis_a.pump.displacement * axis_a.oil.bulk_modulus
-    pressure /= 0.5 * axis_a.cylinder.volume_1 * 2.0 * np.pi * 16.8
     found = case(axis_a)
     cases = {
         "plant": found,
@@ -264,20 +244,15 @@ def low_speed(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
         "plant, axis B riding along, by-pass and throttle open":
             case(axis_a, partner=rig.riding_partner(axis_b)),
     }  # fmt: skip
-    return {
-        **_figures(LOW_SPEED, axis_a, found, cases),
-        "force": pressure * axis_a.cylinder.area_1,
-        "least": min(axis_a.friction.forward.coulomb, axis_a.friction.reverse.coulomb),
-        "below": -20.0 * np.log10(abs(found.model.gain) / rig.hydraulic_gain(axis_a)),
-    }
+    below = -20.0 * np.log10(abs(found.model.gain) / rig.hydraulic_gain(axis_a))
+    return {**_figures(LOW_SPEED, axis_a, found, cases), "below": below}
 
 
 def high_speed(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     """Section 6.4 about 95 mm/s, where the piston never reverses."""
-
     case = partial(respond, region=HIGH_SPEED, seed=seed)
-    found, mass = case(axis_a), axis_a.cylinder.moving_mass
-    heavy = rig.changed(axis_a, "cylinder", moving_mass=mass + axis_b.cylinder.moving_mass)
+    found, mass = case(axis_a), axis_a.cylinder.moving_mass + axis_b.cylinder.moving_mass
+    heavy = rig.changed(axis_a, "cylinder", moving_mass=mass)
     airy_a, airy_b = (rig.changed(unit, "oil", bulk_modulus=1.2e8) for unit in (axis_a, axis_b))
     riding = "plant, axis B riding along"
     cases = {
@@ -295,9 +270,5 @@ def high_speed(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
             airy_a, partner=rig.riding_partner(airy_b)
         ),
     }
-    return {
-        **_figures(HIGH_SPEED, axis_a, found, cases),
-        "natural": abs(HIGH_SPEED.pair),
-        "own": 2.0 * np.pi * from_profile(axis_a, 0.0).natural_hz,
-        "mass": mass,
-    }
+    own = 2.0 * np.pi * from_profile(axis_a, 0.0).natural_hz
+    return {**_figures(HIGH_SPEED, axis_a, found, cases), "natural": abs(HIGH_SPEED.pair), "own": own}

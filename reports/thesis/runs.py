@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 from scipy.optimize import least_squares
-from scipy.signal import butter, fftconvolve, lfilter, sosfiltfilt
+from scipy.signal import butter, chirp, cont2discrete, fftconvolve, lfilter, sosfiltfilt
 
 from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.plant.circuit import Circuit
@@ -46,10 +45,8 @@ def run_speed(
 ) -> Simulation:  # fmt: skip
     """Drive the pump with a commanded speed, without feedback of position.
 
-    `command`: (n,) rad/s, one value a millisecond. `start`: m from mid-stroke. `partner`: None leaves the
-    cylinder alone. `seed`: draws the trial: friction, noise. `scenario`: what else of it.
-
-    Raises `InputError`: `start` is outside the stroke.
+    `command`: (n,) rad/s, one value a millisecond. `start`: m from mid-stroke. `seed`: draws the trial:
+    friction, noise. `scenario`: what else of it.
     """
     whole = Scenario(
         unit=unit.name, duration=command.size * PERIOD, control=control or Control(mode="speed"),
@@ -65,11 +62,11 @@ def run_position(unit: Unit, setpoint: Array, gain: float, **more: Any) -> Simul
 
 
 def throttled_partner(unit: Unit, partner: Unit, pressure: float) -> Beside:
-    """The other axis, its pump shut off, pushing its oil through its throttle (figure 5.2).
+    """The other axis, its pump shut off, pushing its oil through its throttle (figure 5.2), over which are
+    `pressure` (Pa) while the driving pump turns at 100 rad/s without leakage.
 
-    The throttle closes from fully open within two seconds: against a closed one the piston's start would
-    overshoot and open the relief valve, which shuts again only below the pressures of section 5.2.
-    `pressure`: Pa over it while the driving pump turns at 100 rad/s without leakage.
+    It closes from fully open within two seconds: against a closed one the piston's start would overshoot and
+    open the relief valve, which shuts again only below the pressures of section 5.2.
     """
     flow = 100.0 * unit.pump.displacement * partner.cylinder.area_1 / unit.cylinder.area_1
     opening = flow / (Circuit().throttle_flow * math.sqrt(1e-6 * pressure))
@@ -84,11 +81,9 @@ def riding_partner(partner: Unit, *, throttle: bool = True) -> Beside:
 
 
 def both_pumps(unit: Unit, partner: Unit) -> Unit:
-    """One cylinder driven by both axes' pumps in parallel, as for the friction tests of section 5.3.
-
-    Flows add, and so do the torques and inertias on what counts here as one shaft. The dual rig with open
-    connect valves would carry the other cylinder, and its seals, along.
-    """
+    """One cylinder driven by both axes' pumps in parallel, as for the friction tests of section 5.3: flows
+    add, and so do the torques and inertias on what counts here as one shaft. The dual rig with open connect
+    valves would carry the other cylinder, and its seals, along."""
     together = unit.model_copy(deep=True)
     for part, names in (
         ("pump", ("displacement", "cross_port_leakage", "case_leakage")),
@@ -138,27 +133,17 @@ def holding_leakage(unit: Unit) -> float:
     return unit.pump.cross_port_leakage + unit.pump.case_leakage
 
 
-def chirp(seconds: float, low_hz: float, high_hz: float) -> Array:
-    """A sine of amplitude 1 whose frequency rises evenly from `low_hz` to `high_hz`, (n,)."""
-    time = np.arange(round(seconds / PERIOD)) * PERIOD
-    return np.asarray(np.sin(2.0 * np.pi * (low_hz + 0.5 * (high_hz - low_hz) * time / seconds) * time))
-
-
 def binary_noise(seconds: float, switching_hz: float, seed: int) -> Array:
     """Pseudo-random ±1 that may change `switching_hz` times a second, (n,)."""
-    time = np.arange(round(seconds / PERIOD)) * PERIOD
-    which = np.floor(time * switching_hz + 1e-9).astype(np.int64)
+    which = np.floor(np.arange(round(seconds / PERIOD)) * PERIOD * switching_hz + 1e-9).astype(np.int64)
     bits = np.random.default_rng(seed).integers(0, 2, int(which[-1]) + 1) * 2.0 - 1.0
-    return np.asarray(bits[which], dtype=np.float64)
+    return np.asarray(bits[which])
 
 
 def identification_volts(seconds: float, seed: int, high_hz: float = 150.0) -> Array:
     """Section 6.2's signal: a chirp of ±1.5 V from 0.1 to 150 Hz with binary noise of ±0.25 V at 450 Hz."""
-    return 1.5 * chirp(seconds, 0.1, high_hz) + 0.25 * binary_noise(seconds, 450.0, seed)
-
-
-_UNIT_OF_FREQUENCY = 100.0
-"""rad/s in which coefficients are fitted, so that they are of one size."""
+    time = np.arange(round(seconds / PERIOD)) * PERIOD
+    return 1.5 * chirp(time, 0.1, seconds, high_hz, phi=-90) + 0.25 * binary_noise(seconds, 450.0, seed)
 
 
 @dataclass(frozen=True)
@@ -191,96 +176,63 @@ class TransferFunction:
         frequency = np.linspace(0.0, 500.0, 20_001)
         return half_power_frequency(frequency, np.abs(self.at(frequency)), abs(self.gain))
 
-    def simulate(self, given: Array, period: float) -> Array:
-        """Response, (n,), to an input that runs straight from sample to sample (`period` s), from rest."""
-        numerator, denominator = sampled(np.array(self.numerator), np.array(self.denominator), period)
-        late = round(self.delay / period)
+    def simulate(self, given: Array) -> Array:
+        """Response, (n,), to an input that runs straight from sample to sample, from rest."""
+        top, bottom, _ = cont2discrete((self.numerator, self.denominator), PERIOD, method="foh")
+        late = round(self.delay / PERIOD)
         held = np.concatenate([np.zeros(late), given[: given.size - late]])
-        return np.asarray(lfilter(numerator, denominator, held))
+        return np.asarray(lfilter(np.ravel(top), bottom, held))
 
 
-def sampled(numerator: Array, denominator: Array, period: float) -> tuple[Array, Array]:
-    """Discrete transfer function of a strictly proper one, in powers of 1/z: exact for straight inputs.
-
-    Franklin, Powell and Workman's triangle hold, as `scipy.signal.cont2discrete` has it under ``foh``, which
-    takes twenty times as long: too long for a fit.
-    """
-    n = denominator.size - 1
-    lead = denominator[0]
-    out = np.zeros(n)
-    out[n - numerator.size :] = numerator / lead
-    block = np.zeros((n + 2, n + 2))
-    block[0, :n] = -denominator[1:] / lead * period
-    block[1:n, : n - 1] = np.eye(n - 1) * period
-    block[0, n] = period
-    block[n, n + 1] = 1.0
-    grown = expm(block)
-    state, first, second = grown[:n, :n], grown[:n, n], grown[:n, n + 1]
-    entering = first + state @ second - second
-    straight = float(out @ second)
-    bottom = np.real(np.poly(state))
-    top = np.real(np.poly(state - np.outer(entering, out))) + (straight - 1.0) * bottom
-    return np.asarray(top), np.asarray(bottom)
-
-
-def empirical_response(
-    given: Array, caused: Array, period: float, width_hz: float = 2.0
-) -> tuple[Array, ComplexArray]:
+def empirical_response(given: Array, caused: Array, width_hz: float = 2.0) -> tuple[Array, ComplexArray]:
     """The thesis's estimate (ETFE): output's transform over input's, smoothed by a Hamming window.
 
     Cross and own spectrum of input and output (n,) are averaged over the window before the division (Ljung,
     System Identification, 2nd ed., eq. 6.46). Gives frequency (Hz) and response, (n // 2 + 1,) each.
     """
     u, y = np.fft.rfft(given - given.mean()), np.fft.rfft(caused - caused.mean())
-    window = np.hamming(max(round(width_hz * given.size * period), 1) | 1)
+    window = np.hamming(max(round(width_hz * given.size * PERIOD), 1) | 1)
     powers = np.array([u, y]) * np.conj(u)
     own, cross = np.asarray(fftconvolve(powers, window[None, :], mode="same", axes=1), dtype=np.complex128)
-    frequency = np.asarray(np.fft.rfftfreq(given.size, period), dtype=np.float64)
+    frequency = np.asarray(np.fft.rfftfreq(given.size, PERIOD), dtype=np.float64)
     return frequency, np.asarray(cross / np.maximum(own.real, 1e-12 * own.real.max()))
 
 
-def velocity(position: Array, period: float, cutoff_hz: float = 150.0) -> Array:
-    """Velocity (n,) by central differences (eq. 6.3) and a zero-phase Butterworth filter of order 10.
-
-    `position`: (n,) m or rad. `period`: s. `cutoff_hz`: the thesis takes 150 Hz (section 6.3).
-    """
-    sections = butter(10, cutoff_hz, fs=1.0 / period, output="sos")
-    return np.asarray(sosfiltfilt(sections, np.gradient(position, period)))
+def velocity(position: Array, cutoff_hz: float = 150.0) -> Array:
+    """Velocity (n,) of a position (m or rad) by central differences (eq. 6.3) and a zero-phase Butterworth
+    filter of order 10; the thesis takes 150 Hz (section 6.3)."""
+    sections = butter(10, cutoff_hz, fs=1.0 / PERIOD, output="sos")
+    return np.asarray(sosfiltfilt(sections, np.gradient(position, PERIOD)))
 
 
-def held_input(command: Array, period: float, cutoff_hz: float = 150.0) -> Array:
+def held_input(command: Array) -> Array:
     """What `velocity` makes of a command (n,) that is held over each period: the input beside that output.
 
-    The held command's integral runs straight from sample to sample; differenced and filtered as the output
-    is, it differs from the output by the system alone, exactly. The bare command would lay the filter, the
-    differences' own fall-off and half a sample of delay to the system.
+    Differenced and filtered as the output is, the command's integral differs from it by the system alone. The
+    bare command would lay the filter, the differences' fall-off and half a sample of delay to the system.
     """
-    integral = np.concatenate([[0.0], np.cumsum(command[:-1]) * period])
-    return velocity(integral, period, cutoff_hz)
+    return velocity(np.concatenate([[0.0], np.cumsum(command[:-1]) * PERIOD]))
 
 
-def windowed_response(
-    given: Array, caused: Array, period: float, points: int = 128
-) -> tuple[Array, ComplexArray]:
-    """Transfer function estimate through a Hamming window over the correlations' lags (section 6.2).
+def windowed_response(given: Array, caused: Array) -> tuple[Array, ComplexArray]:
+    """Transfer function estimate through a "128 point size Hamming window" (section 6.2): as in the toolbox
+    that the thesis used, over so many lags of the correlations to either side, which smooths over some 8 Hz.
 
-    The thesis puts its estimates through a "128 point size Hamming window"; as in the toolbox that it used,
-    the window's size is the number of lags, here 0.128 s to either side, which smooths over some 8 Hz.
-    Gives frequency (401,) in Hz, from 0 to 100 or half the sampling rate, and response (401,).
+    Gives frequency, from 0 to 100 Hz, and response, (401,) each.
     """
-    u, y = given - given.mean(), caused - caused.mean()
+    u, y, points = given - given.mean(), caused - caused.mean(), 128
     lags = np.arange(-points, points + 1)
     middle = slice(u.size - 1 - points, u.size + points)
     window = 0.54 + 0.46 * np.cos(np.pi * lags / points)
     own, cross = (window * fftconvolve(signal, u[::-1])[middle] for signal in (u, y))
-    frequency = np.linspace(0.0, min(100.0, 0.5 / period), 401)
-    turn = np.exp(-2j * np.pi * np.outer(frequency, lags) * period)
+    frequency = np.linspace(0.0, 100.0, 401)
+    turn = np.exp(-2j * np.pi * np.outer(frequency, lags) * PERIOD)
     return frequency, np.asarray((turn @ cross) / (turn @ own), dtype=np.complex128)
 
 
-def response_at(given: Array, caused: Array, period: float, frequency: float) -> complex:
+def response_at(given: Array, caused: Array, frequency: float) -> complex:
     """Response at one frequency (Hz): ratio of the fundamentals, fitted together with a mean and a trend."""
-    time = np.arange(given.size) * period
+    time = np.arange(given.size) * PERIOD
     phase = 2.0 * np.pi * frequency * time
     basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(time), time])
     u, y = (np.linalg.lstsq(basis, signal, rcond=None)[0] for signal in (given, caused))
@@ -288,51 +240,44 @@ def response_at(given: Array, caused: Array, period: float, frequency: float) ->
 
 
 def fit_output_error(
-    given: Array, caused: Array, period: float, *, zeros: int, poles: int, delay: float,
-    highest_hz: float = 60.0,
+    given: Array, caused: Array, *, zeros: int, poles: int, delay: float, highest_hz: float = 60.0
 ) -> tuple[TransferFunction, float]:  # fmt: skip
-    """Continuous transfer function whose own response to the input comes nearest to the output.
-
-    It starts from the rational function nearest to the empirical response (Sanathanan and Koerner's
-    iteration, doi.org/10.1109/TAC.1963.1105517); then the squared output error is made least.
+    """Continuous transfer function whose own response to the input comes nearest to the output, and its fit:
+    1 for all of the output explained, 0 for no better than the mean.
 
     `given`, `caused`: (n,) input (see `held_input`) and output, from rest. `delay`: s, a whole number of
     periods. `highest_hz`: up to which the first guess looks at the response.
-
-    Gives the model, and its fit: 1 for all of the output explained, 0 for no better than the mean.
     """
-    start = _rational_guess(given, caused, period, zeros, poles, delay, highest_hz)
+    start = _rational_guess(given, caused, zeros, poles, delay, highest_hz)
 
     def model(theta: Array) -> TransferFunction:
-        # Powers of s/100 carry the coefficients back to s in 1/s; poles on the wrong side are turned over.
-        scale = _UNIT_OF_FREQUENCY ** np.arange(poles, -1, -1.0)
+        # Powers of s/100, which are of one size, back to s in 1/s; poles on the wrong side are turned over.
+        scale = 100.0 ** np.arange(poles, -1, -1.0)
         roots = np.roots(np.concatenate([[1.0], theta[:poles]]))
         stable = np.real(np.poly(-np.abs(roots.real) + 1j * roots.imag))
         denominator = stable / scale * scale[0]
         numerator = theta[poles:] / scale[poles - zeros :] * scale[0]
         return TransferFunction(tuple(numerator.tolist()), tuple(denominator.tolist()), delay)
 
-    size = float(np.std(caused))
+    spread = np.linalg.norm(caused - caused.mean())
 
     def error(theta: Array) -> Array:
-        return np.asarray((model(theta).simulate(given, period) - caused) / size)
+        return np.asarray((model(theta).simulate(given) - caused) / spread)
 
     solved = least_squares(error, start, method="lm", x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=300)
-    left = solved.fun * size
-    fit = 1.0 - float(np.linalg.norm(left) / np.linalg.norm(caused - caused.mean()))
-    return model(solved.x), fit
+    return model(solved.x), 1.0 - float(np.linalg.norm(solved.fun))
 
 
 def _rational_guess(
-    given: Array, caused: Array, period: float, zeros: int, poles: int, delay: float, highest_hz: float
+    given: Array, caused: Array, zeros: int, poles: int, delay: float, highest_hz: float
 ) -> Array:
-    """Denominator below its leading 1, then numerator, in powers of s/100."""
-    frequency, response = empirical_response(given, caused, period)
-    late = np.exp(2j * np.pi * frequency * delay)
-    u = np.abs(np.fft.rfft(given - given.mean()))
+    """Denominator below its leading 1, then numerator, in powers of s/100, nearest to the empirical response
+    by Sanathanan and Koerner's iteration (doi.org/10.1109/TAC.1963.1105517)."""
+    frequency, response = empirical_response(given, caused)
     used = (frequency > 0.2) & (frequency < highest_hz)
-    s = 2j * np.pi * frequency[used] / _UNIT_OF_FREQUENCY
-    g, weight = (response * late)[used], u[used] / u[used].max()
+    weight = np.abs(np.fft.rfft(given - given.mean()))[used]
+    s = 2j * np.pi * frequency[used] / 100.0
+    g = response[used] * np.exp(100.0 * s * delay)
     low = s[:, None] ** np.arange(poles - 1, -1, -1.0)
     top = s[:, None] ** np.arange(zeros, -1, -1.0)
     divisor = np.ones_like(s)

@@ -14,10 +14,15 @@ from reports.datasets import (
     SLIPS,
     SOUND,
     SWAPPED,
+    Comparison,
     Departure,
     Said,
+    Told,
     budget_table,
     counted,
+    disturbed_table,
+    identification_table,
+    left_out_table,
     scales_table,
     slipped,
     standardised,
@@ -43,6 +48,25 @@ def test_the_table_counts_what_was_said() -> None:
     (swapped,) = [line for line in text.splitlines() if SWAPPED in line]
     (sound,) = [line for line in text.splitlines() if SOUND in line]
     assert swapped.count("0.33") == 2 and "0.00" in sound
+
+
+def test_each_table_has_its_rows() -> None:
+    """What was identified, left out and disturbed, with shares of the right logs."""
+    told = [
+        Told("u0", "thesis", True, (), {"leakage": 2.5}, 1.001, 0.999),
+        Told("u1", "lift", True, (), {"leakage": -1.5}, 1.05, 0.999),
+        Told("u2", "lift", False, ("too noisy", "too short"), {}),
+    ]
+    lines = identification_table(told).splitlines()
+    assert "Refused: 0.33 (0.06 to 0.79) of 3" in lines and "- u2 (lift): too noisy; too short" in lines
+    assert any(line.startswith("Single rods") and "0.50" in line and "of 2" in line for line in lines)
+    assert "| u1 | lift | 1.0500 | 0.9990 |" in lines
+    (row,) = (line for line in lines if line.startswith("| leakage"))
+    assert row.startswith("| leakage | 2.06 | +0.50 | 0.50 (")
+    text = left_out_table([("seal_wear", "unknown"), ("seal_wear", "another"), ("aeration", "nothing")])
+    assert "| seal wear | 0 | 1 | 0 | 1 |" in text and "with a finding: 0.50 (0.09 to 0.91) of 2" in text
+    text = disturbed_table([Comparison("u0", "200 Hz", True, True, False)])
+    assert "| 200 Hz | 1 | 1.00 (" in text and "1 units" in text and "| 500 Hz | 0 | - of 0" in text
 
 
 def test_the_truth_is_counted_with_the_sheets_area() -> None:

@@ -10,7 +10,6 @@ from reports.thesis.runs import (
     fit_output_error,
     held_input,
     response_at,
-    sampled,
     velocity,
 )
 
@@ -36,18 +35,11 @@ def integrated_output(model: TransferFunction, command: np.ndarray) -> np.ndarra
     return lfilter(np.ravel(top), bottom, held)
 
 
-def test_sampled_is_the_triangle_hold_of_scipy():
-    top, bottom = sampled(np.array(LOW.numerator), np.array(LOW.denominator), T)
-    expected = cont2discrete((LOW.numerator, LOW.denominator), T, method="foh")
-    np.testing.assert_allclose(top, np.ravel(expected[0]), rtol=1e-7, atol=1e-14)
-    np.testing.assert_allclose(bottom, expected[1], rtol=1e-10)
-
-
 def test_the_thesis_model_is_found_again_with_its_delay(command):
     """From positions of a simulated eq. 6.12, differenced and filtered like a log's."""
-    output = velocity(integrated_output(LOW, command), T)
-    given = held_input(command, T)
-    fits = {d: fit_output_error(given, output, T, zeros=2, poles=3, delay=d * T) for d in (9, 10, 11)}
+    output = velocity(integrated_output(LOW, command))
+    given = held_input(command)
+    fits = {d: fit_output_error(given, output, zeros=2, poles=3, delay=d * T) for d in (9, 10, 11)}
     best = max(fits, key=lambda d: fits[d][1])
     assert best == 10
     model, fit = fits[10]
@@ -60,14 +52,14 @@ def test_the_thesis_model_is_found_again_with_its_delay(command):
 
 def test_single_sine_and_etfe_give_the_response(command):
     frequency, response = empirical_response(
-        held_input(command, T), velocity(integrated_output(LOW, command), T), T, width_hz=0.5
+        held_input(command), velocity(integrated_output(LOW, command)), width_hz=0.5
     )
     for hz in (5.0, 12.0, 20.0):
         near = int(np.argmin(np.abs(frequency - hz)))
         assert abs(response[near] / LOW.at(hz) - 1.0) < 0.05
         time = np.arange(3000) * T
         sine = np.sin(2 * np.pi * hz * time)
-        output = velocity(integrated_output(LOW, sine), T)
+        output = velocity(integrated_output(LOW, sine))
         part = slice(1000, 2800)
-        single = response_at(held_input(sine, T)[part], output[part], T, hz)
+        single = response_at(held_input(sine)[part], output[part], hz)
         assert abs(single / complex(LOW.at(hz)) - 1.0) < 0.01
