@@ -96,8 +96,7 @@ def test_each_scale_can_be_overridden_and_is_used() -> None:
 
 
 @given(
-    st.lists(st.sampled_from(CHOICES), min_size=1, max_size=5, unique_by=lambda choice: choice[0]),
-    st.data(),
+    st.lists(st.sampled_from(CHOICES), min_size=1, max_size=5, unique_by=lambda choice: choice[0]), st.data()
 )
 def test_the_order_in_which_faults_are_given_does_not_matter(chosen, data) -> None:
     specs = [spec_of(*choice, severity=data.draw(st.floats(0.0, 1.0))) for choice in chosen]

@@ -32,8 +32,7 @@ def test_half_the_step_changes_no_sensor_by_a_tenth_of_its_noise(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name",
-    ["prbs, stiffest bristles", "prbs of speed, coupling and check valve", "flight, gust, aeration"],
+    "name", ["prbs, stiffest bristles", "prbs of speed, coupling and check valve", "flight, gust, aeration"]
 )
 def test_radau_agrees_within_a_tenth_of_the_sensors(name):
     """SciPy's implicit solver on the same right-hand side and commands, tolerance 1e-10."""

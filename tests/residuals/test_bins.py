@@ -11,15 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from fdd.residuals.bins import (
-    BIN_S,
-    COLUMNS,
-    FAST,
-    FRAME_BINS,
-    FRAME_S,
-    PRESLIDING_TRAVEL_M,
-    BinMaker,
-)
+from fdd.residuals.bins import BIN_S, COLUMNS, FAST, FRAME_BINS, FRAME_S, PRESLIDING_TRAVEL_M, BinMaker
 from fdd.residuals.filters import LUBRICATION_LAG_S
 from fdd.samples import Samples
 from fdd.unit import Unit
