@@ -59,9 +59,8 @@ def test_a_fault_begins_at_its_onset_and_goes_with_its_severity(choice) -> None:
 @pytest.mark.parametrize("machine", [None, 1, 2, 3])
 def test_a_leak_passes_the_same_flow_at_the_leakage_pressure_by_whatever_law(fault, machine) -> None:
     """Of axis A and of machines of other sizes."""
-    scales = {}
-    if machine:
-        scales = Scale(sized_unit(Size(), np.random.default_rng(machine))).fault_scales({})
+    other = machine and Scale(sized_unit(Size(), np.random.default_rng(machine)))
+    scales = other.fault_scales({}) if other else {}
     pressure = FaultScales(**scales).leakage_pressure
     flows = []
     for law in CATALOGUE[fault].laws:
@@ -81,18 +80,13 @@ def test_each_scale_can_be_overridden_and_is_used() -> None:
     standard = {choice: faulty(spec_of(*choice), time=time) for choice in CHOICES}
     # Not in the plant, see test_sensor_faults.
     measured = {f.name for entry in CATALOGUE.values() if entry.in_measurement for f in entry.figures}
-    for field, info in FaultScales.model_fields.items():
-        if field in measured:
-            continue
-        value = {"tight_friction": 3.0, "thick_viscosity": 4.0}.get(field, 0.9 * info.default)
-        changed = [
+    for field in FaultScales.model_fields.keys() - measured:
+        usual = FaultScales.model_fields[field].default
+        value = {"tight_friction": 3.0, "thick_viscosity": 4.0}.get(field, 0.9 * usual)
+        assert any(
             not np.array_equal(faulty(spec_of(*choice), time=time, **{field: value}), rows)
             for choice, rows in standard.items()
-        ]
-        assert any(changed), field
-
-
-# Together, on two axes, and in stretches.
+        ), field
 
 
 @given(
