@@ -48,8 +48,7 @@ def test_pressures_in_another_unit_are_refused(
 def test_one_pressure_in_another_unit_is_refused_by_name(
     healthy: Samples, unit: Unit, channel: str, factor: float, hint: str
 ) -> None:
-    """Without a measured difference, which would tell it: a reader makes it of what it reads, and the others'
-    converters count as the profile's do."""
+    """Without a measured difference, which would tell it: a reader makes it of what it reads."""
     wrong = scaled(healthy, factor, channel)
     made = {"pressure_difference": wrong["pressure_1"] - wrong["pressure_2"]}
     with pytest.raises(InputError, match=f"channel {channel}.*{hint}"):
@@ -89,15 +88,15 @@ def test_milliseconds_read_as_seconds_are_refused(healthy: Samples, unit: Unit) 
 
 
 def test_another_units_profile_is_told_in_a_note(healthy: Samples, unit: Unit) -> None:
-    """Test: displacement 10 % off, which a worn pump could be as well. Expected: a note, no refusal."""
+    """Displacement 10 % off, which a worn pump could be as well."""
     other = unit.model_copy(deep=True)
     other.pump.displacement *= 1.1
     assert any("of another unit" in note for note in check_scales(healthy, other, "log"))
 
 
 def test_a_log_at_rest_tells_nothing(healthy: Samples, unit: Unit) -> None:
-    still = healthy.with_columns({n: np.full(len(healthy), healthy[n][0]) for n in
-                                  ("position", "pump_angle", "pump_speed") if n in healthy})  # fmt: skip
+    motion = [name for name in ("position", "pump_angle", "pump_speed") if name in healthy]
+    still = healthy.with_columns({name: np.full(len(healthy), healthy[name][0]) for name in motion})
     assert check_scales(still, unit, "log") == []
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_BINS, FRAME_S, TAIL_BINS
-from fdd.residuals.effects import Effects, first_effects
+from fdd.residuals.effects import first_effects
 from fdd.residuals.normal_equations import NormalEquations
 from fdd.unit import Baseline, Unit
 
@@ -63,9 +63,8 @@ def test_fold_is_batch_regression(within: float) -> None:
 
 def test_what_came_since_a_fault_is_no_reference() -> None:
     """Of it the latest frames are kept, and some from before its onset, however long it stands."""
-    unit, rng = Unit.load("axis_a"), np.random.default_rng(12)
-    effects: dict[str, Effects] = {name: first_effects(name) for name in BALANCES}
-    history, window, onset = BalanceHistory(unit, effects), 20, 30
+    rng, effects = np.random.default_rng(12), {name: first_effects(name) for name in BALANCES}
+    history, window, onset = BalanceHistory(Unit.load("axis_a"), effects), 20, 30
     healthy = {}
     for h in range(200):
         began(history, h)

@@ -38,10 +38,8 @@ def moving(seconds: float = SECONDS, seed: int = 3) -> Samples:
 
 def bins_of(samples: Samples, cuts: list[int] | None = None, unit: Unit = UNIT) -> Array:
     maker = BinMaker(unit)
-    parts = [
-        maker.push(samples.rows(a, b))[1]
-        for a, b in itertools.pairwise([0, *sorted(cuts or []), len(samples)])
-    ]
+    edges = itertools.pairwise([0, *sorted(cuts or []), len(samples)])
+    parts = [maker.push(samples.rows(a, b))[1] for a, b in edges]
     return np.concatenate([*parts, maker.push(None)[1]])
 
 
@@ -79,15 +77,12 @@ def test_any_cut_gives_the_same_rows(cuts: list[int]) -> None:
     np.testing.assert_array_equal(bins_of(samples, cuts), bins_of(samples))
 
 
+some_rows = st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300)
+
+
 @settings(max_examples=20)
-@given(
-    lost=st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300),
-    blank=st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300),
-    jitter=st.integers(0, 5),
-)
-def test_what_is_missing_shifts_no_channel_against_another(
-    lost: set[int], blank: set[int], jitter: int
-) -> None:
+@given(lost=some_rows, blank=some_rows, jitter=st.integers(0, 5))
+def test_what_is_missing_shifts_no_channel_against_another(lost: set, blank: set, jitter: int) -> None:
     """A rigid motion closes the volume balance to rounding, whatever is lost of it."""
     samples = moving()
     keep = np.ones(len(samples), dtype=bool)

@@ -77,9 +77,9 @@ def test_a_single_rods_accumulator_follows_the_rod() -> None:
     position = np.linspace(-0.02, 0.02, 50)
     difference = 1e6 * np.sin(np.linspace(0.0, 9.0, 50))
     mean, tank = chambers_from_difference(difference, position, 0.01, unit, unknown(position))
-    c = unit.cylinder
-    held = (c.volume_1 + c.volume_2 + 0.3 * c.area_1 * position) / unit.oil.bulk_modulus * (mean - mean[1])
-    product = (tank + 101325.0) * (unit.accumulator.gas_volume + 0.3 * c.area_1 * position + held)
+    c, rod = unit.cylinder, 0.3 * unit.cylinder.area_1 * position
+    held = (c.volume_1 + c.volume_2 + rod) / unit.oil.bulk_modulus * (mean - mean[1])
+    product = (tank + 101325.0) * (unit.accumulator.gas_volume + rod + held)
     np.testing.assert_allclose(product[1:], product[1], rtol=0.02)
     assert np.ptp(tank) > 5e4
     lowest = mean - 0.5 * np.abs(difference)
@@ -120,8 +120,7 @@ def test_rows_do_not_depend_on_blocks_where_sensors_come_and_go(step: int) -> No
         return np.concatenate([*parts, maker.push(None)[1]])[:, COLUMNS["mean_pressure"]]
 
     whole = mean([log])
-    blocks = [log.rows(a, min(a + step, len(log))) for a in range(0, len(log), step)]
-    np.testing.assert_array_equal(mean(blocks), whole)
+    np.testing.assert_array_equal(mean([log.rows(a, a + step) for a in range(0, len(log), step)]), whole)
     lower = whole[2000] - 0.5 * abs(np.mean(difference[20_000:20_010]))
     assert lower == pytest.approx(4e5, abs=1e3)
 
