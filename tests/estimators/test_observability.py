@@ -241,10 +241,7 @@ def test_motion_informs_rest_does_not_and_motion_makes_valid_again() -> None:
 
 
 def test_leakage_is_not_called_valid_while_a_valves_leakage_could_be_it() -> None:
-    """Under one load direction the sum alone shows: a stuck check valve must not make a sure leakage.
-
-    Where it is valid, it is within three of the standard deviations that it claims.
-    """
+    """Under one load direction the sum alone shows: a stuck check valve must not make a sure leakage."""
     fault = {"fault": "check_valve_stuck_open", "severity": 0.4, "onset": 8.0, "side": 1}
     simulation = run(24.0, MOVES, 1, load={"name": "constant", "level": 1500.0}, faults=[fault])
     f = Followed(simulation)

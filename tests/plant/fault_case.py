@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 
+from fdd.faults import CATALOGUE
 from fdd.plant.duty import Levels, Steps
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.load import ConstantLoad, NoLoad
@@ -18,6 +20,15 @@ from fdd.unit import Unit
 
 ONSET = 2.0
 Array = np.ndarray
+
+
+def choices(names: Iterable[str]) -> list[tuple[Any, ...]]:
+    """These faults with each of their sides, variants and laws."""
+    return [
+        (entry.id, *choice)
+        for entry in (CATALOGUE[name] for name in names)
+        for choice in product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))
+    ]
 
 
 def _drained(name: str) -> Unit:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+from fault_case import choices
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -22,11 +22,7 @@ from fdd.unit import Unit
 UNIT = Unit.load("axis_a")
 TIME = np.arange(4000) * 1e-3
 ONSET = 1.5
-CHOICES = [
-    (entry.id, *choice)
-    for entry in (CATALOGUE[name] for name in PLANT_FAULTS)
-    for choice in product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))
-]
+CHOICES = choices(PLANT_FAULTS)
 
 
 def healthy(time: np.ndarray = TIME) -> np.ndarray:

@@ -16,9 +16,9 @@ SPEED = {"mode": "speed"}
 ONE_WAY = {"name": "levels", "points": "0:0/0.1:80"}
 
 
-def _dual(partner: dict[str, Any], *, second: Unit = B, **scenario: Any) -> Simulation:
+def _dual(partner: dict[str, Any], **scenario: Any) -> Simulation:
     defaults = {"duration": 1.2, "duty": ONE_WAY, "control": SPEED, "recording": WHOLE, "seed": 2}
-    return simulate(A, Scenario(**{**defaults, **scenario, "partner": partner}), partner=second)
+    return simulate(A, Scenario(**{**defaults, **scenario, "partner": partner}), partner=B)
 
 
 def _steady(out: Simulation, column: str, rows: int = 200) -> float:

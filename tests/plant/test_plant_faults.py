@@ -1,13 +1,12 @@
 """Every simulated fault: does nothing at severity 0, and what the catalogue says at severity 1."""
 
-from itertools import product
 from typing import Any
 
 import drive_and_seal_checks  # noqa: F401
 import fault_checks  # noqa: F401
 import numpy as np
 import pytest
-from fault_case import CHECKS, ONSET, UNITS, Case, keeps_its_oil, port_pressure, run, sound
+from fault_case import CHECKS, ONSET, UNITS, Case, choices, keeps_its_oil, port_pressure, run, sound
 
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
@@ -20,11 +19,7 @@ from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 
 UNIT = UNITS[1]
-CHOICES = [
-    (entry.id, *choice)
-    for entry in (CATALOGUE[name] for name in SIMULATED)
-    for choice in product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))
-]
+CHOICES = choices(SIMULATED)
 # The second axis takes its faults as the first one does: one way of each tells that they reach it.
 ON_AXIS_2 = {name: (name, *choice) for name, *choice in reversed(CHOICES)}.values()
 RUNS = [*((*c, 1) for c in CHOICES), *(pytest.param(*c, 2, marks=pytest.mark.slow) for c in ON_AXIS_2)]

@@ -84,12 +84,8 @@ def _throttled(unit: Unit, pressure: float) -> list[float]:
 
 
 def test_modes_of_section_3_2_1_arise_by_themselves():
-    """Loss of the driven chamber over pressure: half the case leakage while no valve refeeds, all of it then.
-
-    In mode 1 the chambers rise and fall about a mean that stays, each losing C_ep/2 of the difference. In
-    mode 2 the low side is held and the high one loses the whole. (The thesis takes C_ep as 0 there, eq.
-    3.63: the oil comes back through the case, which a flow of the high side alone does not see.)
-    """
+    """Loss of the driven chamber over pressure: half of C_ep in mode 1, whose mean stays, all in mode 2,
+    whose low side is held. (The thesis takes C_ep as 0 there, eq. 3.63: oil comes back through the case.)"""
     leaky = UNIT.pump.model_copy(update={"case_leakage": 8e-12, "cross_port_leakage": 3e-12})
     unit = UNIT.model_copy(update={"pump": leaky})
     stiff = unit.accumulator.model_copy(update={"refeed_cracking_pressure": 2e6})
