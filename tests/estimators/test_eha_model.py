@@ -16,20 +16,15 @@ SWEEP = 1.4  # of compliance with position, over that of the volumes
 BULK, AIR_FRACTION, INDEX, REFERENCE = 2.10e8, 0.003, 1.4, 4.82e5
 
 
-def model(
-    area_2: float = 1.52e-3,
-    bulk_modulus: float = BULK,
-    air_fraction: float = AIR_FRACTION,
-    sweep: float = SWEEP,
-) -> eha.Array:
+def model(area_2: float = 1.52e-3) -> eha.Array:
     """Axis A of the thesis, in the model's own units; a smaller second area where wanted."""
     return eha.parameters(
         area_1=1.52e-3, area_2=area_2, volume_1=2.16e-3, volume_2=2.16e-3, moving_mass=3.688,
         displacement=5.57e-7, cross_port_leakage=CROSS * 1e-12, case_leakage=CASE * 1e-12,
-        bulk_modulus=bulk_modulus, air_fraction=air_fraction, polytropic_index=INDEX,
+        bulk_modulus=BULK, air_fraction=AIR_FRACTION, polytropic_index=INDEX,
         reference_pressure=REFERENCE, friction_forward=(151.1, 510.2, 0.026, 0.59),
         friction_reverse=(113.0, 448.0, 0.007, 0.776), accumulator_pressure=ACCUMULATOR * 1e6,
-        position_compliance=sweep,
+        position_compliance=SWEEP,
     )  # fmt: skip
 
 
@@ -77,15 +72,13 @@ def differences(x: eha.Array, q: eha.Array, h: float = STEP) -> eha.Array:
 @pytest.mark.parametrize("area_2", [1.52e-3, 1.1e-3])
 def test_jacobian_is_that_of_central_differences(area_2: float, h: float) -> None:
     rng, q = np.random.default_rng(11), model(area_2)
-    scale = np.array(
-        [50, 0.1, 100, 0.2, 1, 1, 1, 1, 1, 5, 2, 1e-2, 1, 300, 100, 1000, 10, 1e5, 50, 0.02]
-    )  # a typical state
+    typical = [50, 0.1, 100, 0.2, 1, 1, 1, 1, 1, 5, 2, 1e-2, 1, 300, 100, 1000, 10, 1e5, 50, 0.02]
     for _ in range(60):
         x = state(rng)
         found, expected = stepped(x, q, h)[1], differences(x, q, h)
         # Each entry as its share of what a typical change of that state does to that row.
-        effect = np.abs(expected) * scale
-        share = np.abs(found - expected) * scale / effect.max(axis=1, keepdims=True)
+        effect = np.abs(expected) * typical
+        share = np.abs(found - expected) * typical / effect.max(axis=1, keepdims=True)
         assert share.max() < 1e-6, np.unravel_index(share.argmax(), share.shape)
 
 
@@ -123,10 +116,8 @@ def test_volume_balance_holds_to_rounding(seed: int, h: float) -> None:
     change = out - x
     across = CROSS * (x[eha.P1] - x[eha.P2]) * x[eha.LEAK]
     to_case = [CASE * (x[p] - ACCUMULATOR) * x[eha.LEAK] for p in (eha.P1, eha.P2)]
-    valves = [
-        (CROSS + CASE / 2.0) * x[v] * (x[p] - ACCUMULATOR)
-        for v, p in ((eha.VALVE1, eha.P1), (eha.VALVE2, eha.P2))
-    ]
+    pairs = ((eha.VALVE1, eha.P1), (eha.VALVE2, eha.P2))
+    valves = [(CROSS + CASE / 2.0) * x[v] * (x[p] - ACCUMULATOR) for v, p in pairs]
     swells = 0.5 * (specific_volume(x, q, x[eha.P1]) - specific_volume(x, q, x[eha.P2]))
     displaced = DISPLACEMENT * (1.0 + x[eha.GAIN]) * change[eha.TH]
     delivered = [displaced * (1.0 + swells), displaced * (1.0 - swells)]
@@ -189,13 +180,9 @@ def test_viscous_friction_has_a_direction(v: float) -> None:
     """VISC + SKEW when extending, VISC - SKEW when retracting; of two velocities the mean is VISC's alone."""
     q, x = model(), np.zeros(N)
     x[[eha.P1, eha.P2, eha.AIR]] = ACCUMULATOR, ACCUMULATOR, 3.0
-    slowed = {}
-    for sign in (1.0, -1.0):
-        for skew in (0.0, 50.0):
-            x[[eha.V, eha.VISC, eha.SKEW]] = sign * v, 200.0, skew
-            after = stepped(x, q)[0][eha.V]
-            slowed[sign, skew] = (x[eha.V] - after) / after * q.moving_mass * 1e3  # force over velocity
-    assert slowed[1.0, 0.0] == pytest.approx(200.0, rel=1e-9)
-    assert slowed[-1.0, 0.0] == pytest.approx(200.0, rel=1e-9)
-    assert slowed[1.0, 50.0] == pytest.approx(250.0, rel=1e-9)
-    assert slowed[-1.0, 50.0] == pytest.approx(150.0, rel=1e-9)
+    cases = ((1.0, 0.0, 200.0), (-1.0, 0.0, 200.0), (1.0, 50.0, 250.0), (-1.0, 50.0, 150.0))
+    for sign, skew, expected in cases:
+        x[[eha.V, eha.VISC, eha.SKEW]] = sign * v, 200.0, skew
+        after = stepped(x, q)[0][eha.V]
+        over_velocity = (x[eha.V] - after) / after * q.moving_mass * 1e3
+        assert over_velocity == pytest.approx(expected, rel=1e-9)

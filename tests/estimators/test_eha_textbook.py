@@ -26,14 +26,8 @@ N = eha.STATES
 VALVES = [eha.VALVE1, eha.VALVE2]
 FLOW = range(eha.LEAK, eha.SPLIT + 1)
 ROBUST = 5.0
-BOUNDS = {
-    eha.LEAK: (0.02, 300.0),
-    eha.VALVE1: (0.0, 300.0),
-    eha.VALVE2: (0.0, 300.0),
-    eha.AIR: (-2.0, 100.0),
-    eha.SPLIT: (-30.0, 30.0),
-    eha.GAIN: (-0.1, 0.1),
-}
+BOUNDS = {eha.LEAK: (0.02, 300.0), **dict.fromkeys(VALVES, (0.0, 300.0))}
+BOUNDS |= {eha.AIR: (-2.0, 100.0), eha.SPLIT: (-30.0, 30.0), eha.GAIN: (-0.1, 0.1)}
 # Parameters that walk, as (field of the noise, factor from SI to the model's unit), from its documentation.
 WALKS = {
     eha.LEAK: ("leakage", 1.0), eha.AIR: ("air", 1e3), eha.SPLIT: ("air_split", 1e3), eha.GAIN: ("gain", 1.0),
@@ -95,12 +89,8 @@ class Textbook:
         v_at = x[eha.V] + trust * (z[0] - x[eha.X] - x[eha.V])
         w_at = z[1] - x[eha.TH]
         relieved = abs(x[eha.P1] - x[eha.P2]) > noise.relief_pressure * 1e-6
-        flows = np.array(
-            [
-                noise.flow_refeeding if relieved or x[p] < p_acc + noise.refeed_margin * 1e-6 else noise.flow
-                for p in (eha.P1, eha.P2)
-            ]
-        )
+        refed = relieved | (x[[eha.P1, eha.P2]] < p_acc + noise.refeed_margin * 1e-6)
+        flows = np.where(refed, noise.flow_refeeding, noise.flow)
         added = self.walks(x, P) + self.pull()
         out, F, G = np.empty(N), np.empty((N, N)), np.empty((N, 4))
         eha.step(self.kf.x.copy(), 1.0, viscosity, p_acc, v_at, w_at, self.q, out, F, G)
@@ -182,16 +172,9 @@ class Textbook:
 
 def compare(seconds: float, begin: Callable[[EhaTracker], None]) -> tuple[Textbook, EhaTracker]:
     """Both filters over the same rows, from rest into motion; they must agree at each."""
-    unit = Unit.load("axis_a")
-    run = simulate(
-        unit,
-        Scenario(
-            duration=seconds,
-            duty={"name": "steps", "lead_in": 0.03},
-            load={"name": "spring"},
-            recording=Recording.perfect(),
-        ),
-    )
+    unit, duty = Unit.load("axis_a"), {"name": "steps", "lead_in": 0.03}
+    scenario = Scenario(duration=seconds, duty=duty, load={"name": "spring"}, recording=Recording.perfect())
+    run = simulate(unit, scenario)
     tracking = Tracking(unit, Channels.of(run.samples), 1e-3)
     block = tracking.block(run.samples)
     compiled = tracking.trackers["ekf"]
@@ -209,15 +192,12 @@ def compare(seconds: float, begin: Callable[[EhaTracker], None]) -> tuple[Textbo
         row = block[i]
         z = row[[layout.POSITION, layout.ANGLE, layout.PRESSURE_1, layout.PRESSURE_2]]
         gap = row[layout.DIFFERENCE] - (row[layout.PRESSURE_1] - row[layout.PRESSURE_2])
-        book.step(
-            z * [1e3, 1.0, 1e-6, 1e-6], gap * 1e-6, row[layout.ACCUMULATOR] * 1e-6, row[layout.VISCOSITY]
-        )
+        z *= [1e3, 1.0, 1e-6, 1e-6]
+        book.step(z, gap * 1e-6, row[layout.ACCUMULATOR] * 1e-6, row[layout.VISCOSITY])
         spread = np.sqrt(np.diag(book.kf.P))
         np.testing.assert_allclose((compiled.x - book.kf.x) / spread, 0.0, atol=1e-6, err_msg=f"row {i}")
-        correlation = np.outer(spread, spread)
-        np.testing.assert_allclose(
-            compiled.P / correlation, book.kf.P / correlation, atol=1e-6, err_msg=f"row {i}"
-        )
+        ours, theirs = (P / np.outer(spread, spread) for P in (compiled.P, book.kf.P))
+        np.testing.assert_allclose(ours, theirs, atol=1e-6, err_msg=f"row {i}")
     return book, compiled
 
 

@@ -48,36 +48,18 @@ def tracked(samples: Samples) -> Tracked:
     return both
 
 
-def errors(
-    run: Simulation, method: str, start: float
-) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def errors(run: Simulation, method: str, start: float) -> dict[str, list[np.ndarray]]:
     """Relative errors of leakage and bulk modulus from `start` on, where observable, and their own std."""
     both = tracked(run.samples)
     records = both.records()[method]
     values, stds = estimates(records, unit(), both.model)
     visible = observability(values, stds)
-    time = records["time"]
-    late = time > start
-    return {
-        name: (
-            np.abs(values[name] / np.interp(time, run.truth.time, run.truth[name]) - 1.0)[late],
-            visible[name][late],
-            (stds[name] / np.interp(time, run.truth.time, run.truth[name]))[late],
-        )
-        for name in ("leakage", "bulk_modulus")
-    }
-
-
-def covariance_is_sound(P: np.ndarray) -> None:
-    """Symmetric to the bit, and positive definite as correlations."""
-    assert np.isfinite(P).all()
-    np.testing.assert_allclose(P, P.T, rtol=1e-12)
-    spread = np.sqrt(np.diag(P))
-    assert (spread > 0.0).all()
-    assert np.linalg.eigvalsh(P / np.outer(spread, spread)).min() > 0.0
-
-
-# Tracking
+    found = {}
+    for name in ("leakage", "bulk_modulus"):
+        truth = np.interp(records["time"], run.truth.time, run.truth[name])
+        columns = (np.abs(values[name] / truth - 1.0), visible[name], stds[name] / truth)
+        found[name] = [column[records["time"] > start] for column in columns]
+    return found
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -93,12 +75,8 @@ def test_healthy_axis_is_tracked_within_five_percent(method: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_leak_is_followed_to_within_its_standard_deviation(method: str) -> None:
-    """And to within 5 % for bulk modulus, 8 % for leakage.
-
-    A spring makes the pressure's rate of change proportional to velocity, so what the pump's gain and the
-    compliance leave unexplained looks like each other, and partly like leakage: by itself the filter claims
-    no more than 4 to 5 % here. (It came nearer by chance while a valve was allowed to leak negatively.)
-    """
+    """A spring makes the pressure's rate of change proportional to velocity: gain and compliance look alike,
+    and partly like leakage, of which the filter itself claims no more than 4 to 5 % here."""
     run = axis(leaks=True)
     leakage = run.truth["leakage"]
     assert leakage[-1] > 1.8 * leakage[0]
@@ -127,22 +105,12 @@ def test_a_measured_difference_does_for_chamber_pressures(method: str) -> None:
     kept = ("position", "pump_angle", "pressure_difference", "pressure_accumulator")
     both = tracked(Samples(run.samples.time, {n: run.samples[n] for n in kept}))
     records = both.records()[method]
-    leakage = estimates(records, unit(), both.model)[0]["leakage"]
-    late = records["time"] > 14.0
-    assert np.median(np.abs(leakage[late] / run.truth["leakage"][-1] - 1.0)) < 0.10
+    leakage = estimates(records, unit(), both.model)[0]["leakage"][records["time"] > 14.0]
+    assert np.median(np.abs(leakage / run.truth["leakage"][-1] - 1.0)) < 0.10
     # Nothing is wrong with the axis, and the SVSF does not think so either.
     assert records["outside"].max() == 0.0
     for state in (eha.SPLIT, eha.ZERO):
         assert not records["state"][:, state].any() and not records["variance"][:, state].any()
-
-
-# Blocks and states
-
-
-def same_records(a: Tracked, b: Tracked) -> None:
-    for method in METHODS:
-        one, other = (x.records()[method].view(np.float64) for x in (a, b))
-        np.testing.assert_array_equal(one, other)
 
 
 @settings(max_examples=15)
@@ -159,10 +127,9 @@ def test_any_cut_into_blocks_gives_the_same_bits_also_over_restarts(cuts: list[i
         before.push(samples.rows(a, b))  # the state must be a copy that this leaves alone
         cut.push(samples.rows(a, b))
     assert not whole.lost
-    same_records(whole, cut)
-
-
-# For long
+    for method in METHODS:
+        one, other = (x.records()[method].view(np.float64) for x in (whole, cut))
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -176,4 +143,7 @@ def test_frozen_and_wild_channels_leave_it_finite(method: str) -> None:
     block[4000:4300] = np.where(np.arange(layout.COLUMNS) == layout.TIME, block[4000:4300], np.nan)
     records = filter_.push(block)
     assert layout.finite(records).all()
-    covariance_is_sound(filter_.P)
+    P, spread = filter_.P, np.sqrt(np.diag(filter_.P))
+    assert np.isfinite(P).all() and (spread > 0.0).all()
+    np.testing.assert_allclose(P, P.T, rtol=1e-12)
+    assert np.linalg.eigvalsh(P / np.outer(spread, spread)).min() > 0.0, "as correlations"

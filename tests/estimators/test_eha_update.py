@@ -39,30 +39,21 @@ def covariance(rng: np.random.Generator, decades: float = 3.0) -> np.ndarray:
     return 0.5 * (P + P.T)
 
 
-def correlations(P: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """`P` in units of the standard deviations of `like`."""
-    spread = np.sqrt(np.diag(like))
-    return P / np.outer(spread, spread)
-
-
 @pytest.mark.parametrize("channel", range(M))
 @pytest.mark.parametrize("decades", range(2, 31, 4))
 def test_what_a_precise_channel_leaves_is_right_to_its_last_digits(channel: int, decades: int) -> None:
     """Noise far below the rounding of the prior: the variance left is its own, which P - k s k' loses."""
-    rng = np.random.default_rng(channel)
-    P = covariance(rng, 0.5)
-    h = outputs()[channel]
+    P, h = covariance(np.random.default_rng(channel), 0.5), outputs()[channel]
     prior = float(h @ P @ h)
     r = prior * 10.0**-decades
     selected_update(P, PLUS[channel], MINUS[channel], r, np.empty(N))
     left = r * prior / (prior + r)
-    if MINUS[channel] < 0:
-        assert h @ P @ h == pytest.approx(left, rel=1e-12)
-    else:  # both pressures keep their variance: it is their difference that has to be this small
-        assert h @ P @ h == pytest.approx(left, rel=1e-12, abs=4e-16 * P[eha.P1, eha.P1])
+    # Both pressures keep their variance: it is their difference that has to be this small.
+    within = 0.0 if MINUS[channel] < 0 else 4e-16 * P[eha.P1, eha.P1]
+    assert h @ P @ h == pytest.approx(left, rel=1e-12, abs=within)
     np.testing.assert_array_equal(P, P.T)
-    scaled = correlations(P, P)
-    assert np.linalg.eigvalsh(scaled).min() > -1e-14
+    spread = np.sqrt(np.diag(P))
+    assert np.linalg.eigvalsh(P / np.outer(spread, spread)).min() > -1e-14, "as correlations"
 
 
 @given(st.integers(0, 2**32 - 1), st.lists(st.booleans(), min_size=M, max_size=M), st.floats(0.5, 20.0))

@@ -76,8 +76,8 @@ def radar_jacobian(x):
 @pytest.mark.parametrize("own_jacobian", [True, False])
 def test_nonlinear_filter_equals_filterpy(own_jacobian: bool) -> None:
     rng = np.random.default_rng(4)
-    dt = 0.05
-    F = np.array([[1.0, dt, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    F = np.eye(3)
+    F[0, 1] = 0.05
     ours = ExtendedKalmanFilter(3, 2, h=radar, H_jacobian=radar_jacobian if own_jacobian else None)
     peer = filterpy.kalman.ExtendedKalmanFilter(3, 2)
     for kf in (ours, peer):
@@ -164,9 +164,6 @@ def test_unusable_input_is_refused_in_one_line_and_changes_nothing(act, message:
     assert "\n" not in str(error.value)
     for name, value in before.items():
         np.testing.assert_array_equal(getattr(kf, name), value, err_msg=name)
-
-
-# Masks and Huber's limit
 
 
 def pair(rng: np.random.Generator, n: int, m: int, **options):

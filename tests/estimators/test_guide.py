@@ -11,11 +11,8 @@ import pytest
 import estimators
 from estimators import SVSF, ExtendedKalmanFilter
 
-BLOCKS = re.findall(
-    r"```python\n(.*?)```",
-    Path(estimators.__file__).with_name("README.md").read_text(encoding="utf-8"),
-    flags=re.DOTALL,
-)
+GUIDE = Path(estimators.__file__).with_name("README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
 
 
 def test_the_guides_code_runs_and_does_what_the_guide_says() -> None:

@@ -47,9 +47,6 @@ def same(one: dict[str, Observed], other: dict[str, list[Observed]]) -> None:
             np.testing.assert_array_equal(parts, getattr(seen, part), err_msg=f"{name} {part}")
 
 
-# In general
-
-
 @given(st.lists(st.integers(0, 400), max_size=12), st.integers(0, 20))
 def test_any_cut_into_blocks_gives_the_same_bits_also_over_restarts(cuts: list[int], seed: int) -> None:
     time, values, stds, walks = records(seed, jumps=True)
@@ -90,6 +87,14 @@ def test_flag_and_held_value_are_those_of_a_plain_loop(seed: int) -> None:
         np.testing.assert_array_equal(np.column_stack([seen.valid, seen.held, seen.age]), rows)
 
 
+def observed(
+    time: np.ndarray, value: np.ndarray, std: np.ndarray, walk: Drift | None = None, **options: Any
+) -> Observed:
+    """What is seen of one estimate, all at once."""
+    watch = Observability({"x": options.pop("limits", (0.1, 0.2))}, **options)
+    return watch.push(time, {"x": value}, {"x": std}, *([{"x": walk}] if walk else []))["x"]
+
+
 def scalar_filter(q: float, R: np.ndarray, ceiling: float, dt: float) -> np.ndarray:
     """Variances of a scalar Kalman filter on a parameter that walks; R infinite: no measurement."""
     P, out = 4.0, []
@@ -108,11 +113,9 @@ def test_information_of_a_scalar_filter_is_that_of_its_measurements(q: float) ->
     R = rng.uniform(0.5, 4.0, n)
     R[rng.random(n) < 0.3] = np.inf
     R[400:] = np.inf
-    P = scalar_filter(q, R, np.inf, dt)
     time = dt * np.arange(n)
-    seen = Observability({"x": (0.1, 0.2)}, window=window).push(
-        time, {"x": np.ones(n)}, {"x": np.sqrt(P)}, {"x": Drift(rate=q)}
-    )["x"]
+    std = np.sqrt(scalar_filter(q, R, np.inf, dt))
+    seen = observed(time, np.ones(n), std, Drift(rate=q), window=window)
     # The window moves on in tenths of itself.
     part = np.floor(time / (window / 10) + 1e-9)
     inside = (part[None, :] > part[:, None] - 10) & (time[None, :] <= time[:, None])
@@ -125,9 +128,7 @@ def test_information_of_a_scalar_filter_is_that_of_its_measurements(q: float) ->
 def test_the_walk_takes_the_held_value_no_further_than_the_ceiling() -> None:
     n, q, ceiling = 3000, 0.5, 2.0
     P = scalar_filter(q, np.where(np.arange(n) < 200, 0.1, np.inf), ceiling, 0.01)
-    seen = Observability({"x": (0.2, 0.3)}).push(
-        0.01 * np.arange(n), {"x": np.ones(n)}, {"x": np.sqrt(P)}, {"x": Drift(q, ceiling)}
-    )["x"]
+    seen = observed(0.01 * np.arange(n), np.ones(n), np.sqrt(P), Drift(q, ceiling), limits=(0.2, 0.3))
     assert seen.valid[199] and not seen.valid[-1]
     # dP/dt = q (1 - P/c) from the last measurement on
     t = 0.01 * (np.arange(n) - 199.0)[200:]
@@ -137,14 +138,11 @@ def test_the_walk_takes_the_held_value_no_further_than_the_ceiling() -> None:
 
 
 def test_a_change_of_scale_or_a_jump_is_no_information() -> None:
-    scale = np.linspace(1.0, 0.2, 50)
-    watch = Observability({"x": (0.1, 0.2)})
-    seen = watch.push(np.arange(50.0), {"x": scale}, {"x": 0.5 * scale}, {"x": Drift(scale=scale)})["x"]
+    scale, time = np.linspace(1.0, 0.2, 50), np.arange(50.0)
+    seen = observed(time, scale, 0.5 * scale, Drift(scale=scale))
     assert (1.0 / seen.information_std < 1e-6).all()
-    naive = Observability({"x": (0.1, 0.2)}).push(np.arange(50.0), {"x": scale}, {"x": 0.5 * scale})["x"]
-    assert naive.information_std[-1] < 1.0
-    widened = np.repeat([0.1, 0.5], 25)
-    jump = Observability({"x": (0.1, 0.2)}).push(np.arange(50.0), {"x": np.ones(50)}, {"x": widened})["x"]
+    assert observed(time, scale, 0.5 * scale).information_std[-1] < 1.0, "else this shows nothing"
+    jump = observed(time, np.ones(50), np.repeat([0.1, 0.5], 25))
     assert np.isinf(jump.information_std).all()
 
 
@@ -153,14 +151,13 @@ def test_what_a_filter_believed_just_before_it_was_set_free_is_not_held() -> Non
     value, std = np.ones(1000), np.full(1000, 0.03)
     value[600:630] = np.linspace(1.0, 4.0, 30)  # misled for 0.3 s
     value[630:], std[630:] = 2.0, 1.0
-    seen = Observability({"x": (0.05, 0.07)}).push(time, {"x": value}, {"x": std})["x"]
+    seen = observed(time, value, std, limits=(0.05, 0.07))
     assert seen.valid[629] and not seen.valid[630:].any()
     assert (seen.held[630:] == 1.0).all() and (seen.held_std[630:] == 1.0).all()
     assert 0.5 <= seen.age[630] <= 1.02
     # Where it only grows less certain, the very last value counts.
-    slow = Observability({"x": (0.05, 0.07)}).push(
-        time, {"x": 1.0 + 0.01 * time}, {"x": 0.03 * np.exp(time / 5.0)}, {"x": Drift(rate=1e-3)}
-    )["x"]
+    std = 0.03 * np.exp(time / 5.0)
+    slow = observed(time, 1.0 + 0.01 * time, std, Drift(rate=1e-3), limits=(0.05, 0.07))
     last = np.flatnonzero(slow.valid)[-1]
     assert slow.held[-1] == 1.0 + 0.01 * time[last] and last < 999
 
@@ -228,9 +225,9 @@ def test_motion_informs_rest_does_not_and_motion_makes_valid_again() -> None:
     for load in ({"name": "spring"}, {"name": "constant", "level": 1500.0}):
         simulation = run(80.0, moves, load=load)
         f = Followed(simulation)
+        started, moved, rested, again = np.searchsorted(f.time, (2.0, 17.0, 59.5, 79.0))
         for name in ("bulk_modulus", "coulomb_friction"):
             seen, std = f.seen[name], f.stds[name]
-            moved, rested, again = (int(np.searchsorted(f.time, t)) for t in (17.0, 59.5, 79.0))
             assert seen.valid[moved] and not seen.valid[rested] and seen.valid[again], (load, name)
             assert seen.information_std[moved] < 1.5 * std[moved]
             assert seen.information_std[rested] > 10.0 * std[rested]  # not a hundredth of what is known
@@ -239,31 +236,24 @@ def test_motion_informs_rest_does_not_and_motion_makes_valid_again() -> None:
             last = int(np.argmin(np.abs(f.time - (f.time[rested] - seen.age[rested]))))
             assert seen.held[rested] == f.values[name][last]
             assert seen.held_std[rested] >= std[rested] > std[last]
-            truth = simulation.truth[name][-1]
-            assert abs(seen.held[rested] - truth) < 2.0 * seen.held_std[rested]
-            assert (
-                not f.seen["leakage"].valid[int(np.searchsorted(f.time, 2.0)) :].all()
-                or load["name"] != "spring"
-            )
+            assert abs(seen.held[rested] - simulation.truth[name][-1]) < 2.0 * seen.held_std[rested]
+        assert load["name"] != "spring" or not f.seen["leakage"].valid[started:].all()
 
 
 def test_leakage_is_not_called_valid_while_a_valves_leakage_could_be_it() -> None:
-    """Under one load direction the sum alone shows: a stuck check valve must not make a sure leakage.
-
-    Where it is valid, it is within three of the standard deviations that it claims.
-    """
+    """Under one load direction the sum alone shows: a stuck check valve must not make a sure leakage."""
     fault = {"fault": "check_valve_stuck_open", "severity": 0.4, "onset": 8.0, "side": 1}
     simulation = run(24.0, MOVES, 1, load={"name": "constant", "level": 1500.0}, faults=[fault])
     f = Followed(simulation)
+    seen, std = f.seen["leakage"], f.stds["leakage"]
     truth = np.interp(f.time, simulation.truth.time, simulation.truth["leakage"])
-    settled = f.time > 5.0
-    wrong = np.abs(f.values["leakage"] - truth) > 3.0 * f.stds["leakage"]
-    assert f.seen["leakage"].valid[(f.time > 5.0) & (f.time < 8.0)].mean() > 0.8
-    assert not f.seen["leakage"].valid[(f.time > 9.0) & (f.time < 14.0)].any()
-    assert (wrong & f.seen["leakage"].valid & settled).mean() < 0.01
-    after = int(np.searchsorted(f.time, 10.0))
-    assert f.seen["leakage"].held[after] == pytest.approx(truth[after], rel=0.1)
-    assert f.seen["leakage"].held_std[after] > f.stds["leakage"][int(np.searchsorted(f.time, 7.9))]
+    wrong = np.abs(f.values["leakage"] - truth) > 3.0 * std
+    assert seen.valid[(f.time > 5.0) & (f.time < 8.0)].mean() > 0.8
+    assert not seen.valid[(f.time > 9.0) & (f.time < 14.0)].any()
+    assert (wrong & seen.valid & (f.time > 5.0)).mean() < 0.01
+    before, after = np.searchsorted(f.time, (7.9, 10.0))
+    assert seen.held[after] == pytest.approx(truth[after], rel=0.1)
+    assert seen.held_std[after] > std[before]
 
 
 def standstill_blocks(simulation: Simulation, noise: np.ndarray, until: float) -> Any:
@@ -282,15 +272,13 @@ def standstill_blocks(simulation: Simulation, noise: np.ndarray, until: float) -
         for column, name in columns.items():
             last = truth[name][-n:]
             step = last[-1] - truth[name][-n - 1]  # over the 20 s
-            if name == "pump_angle":  # it goes on turning against the leakage
-                exact = last + step * (k + 1.0)
-            else:
-                exact = last - step * np.arange(1, n + 1) / n + step
+            # The pump goes on turning against the leakage.
+            turned = k if name == "pump_angle" else -np.arange(1, n + 1) / n
             sensor = unit().sensor(name)
-            rough = exact + sensor.noise * rng.normal(size=n)
-            block[:, column] = (
-                np.round(rough / sensor.resolution) * sensor.resolution if sensor.resolution else rough
-            )
+            rough = last + step * (turned + 1.0) + sensor.noise * rng.normal(size=n)
+            if sensor.resolution:
+                rough = np.round(rough / sensor.resolution) * sensor.resolution
+            block[:, column] = rough
         yield block
 
 

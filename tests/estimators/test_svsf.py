@@ -28,19 +28,15 @@ def prepared(rng: np.random.Generator, n: int, m: int, **options) -> SVSF:
     return filt
 
 
-problem = {"seed": st.integers(0, 2**32 - 1), "n": st.integers(1, 5), "m_share": st.floats(0.0, 1.0)}
-
-
-def channels(n: int, share: float) -> int:
-    return 1 + round(share * (n - 1))
+sizes = st.integers(1, 5).flatmap(lambda n: st.tuples(st.just(n), st.integers(1, n)))
+problem = {"seed": st.integers(0, 2**32 - 1), "n_and_m": sizes}
 
 
 @settings(max_examples=80, deadline=None)
 @given(**problem)
-def test_the_optimal_layer_turns_the_svsf_gain_into_the_kalman_gain(seed, n, m_share) -> None:
+def test_the_optimal_layer_turns_the_svsf_gain_into_the_kalman_gain(seed, n_and_m) -> None:
     """The identity behind the switch, from the published formula with a full layer matrix."""
-    rng = np.random.default_rng(seed)
-    m = channels(n, m_share)
+    rng, (n, m) = np.random.default_rng(seed), n_and_m
     svsf = prepared(rng, n, m, psi=1e12, boundary_layer="variable", gamma=0.3)
     svsf.e_post = rng.normal(size=m)
     P, H, R = svsf.P.copy(), svsf.H, svsf.R
@@ -57,10 +53,9 @@ def test_the_optimal_layer_turns_the_svsf_gain_into_the_kalman_gain(seed, n, m_s
 
 @settings(max_examples=60, deadline=None)
 @given(**problem)
-def test_unmeasured_states_follow_through_the_covariance(seed, n, m_share) -> None:
+def test_unmeasured_states_follow_through_the_covariance(seed, n_and_m) -> None:
     """delta = H+ k + (I - H+ H) K_ekf e, computed in full, with its second term."""
-    rng = np.random.default_rng(seed)
-    m = channels(n, m_share)
+    rng, (n, m) = np.random.default_rng(seed), n_and_m
     svsf = prepared(rng, n, m, psi=0.5, gamma=0.1)
     P, H, R, x = svsf.P.copy(), svsf.H, svsf.R, svsf.x.copy()
     z = rng.normal(size=m) * 2.0
@@ -72,16 +67,14 @@ def test_unmeasured_states_follow_through_the_covariance(seed, n, m_share) -> No
     delta = plus @ k + (np.eye(n) - plus @ H) @ kalman
     svsf.update(z)
     np.testing.assert_allclose(svsf.x, x + delta, rtol=1e-6, atol=1e-8)
-    K = svsf.K
-    I_KH = np.eye(n) - K @ H
+    K, I_KH = svsf.K, np.eye(n) - svsf.K @ H
     np.testing.assert_allclose(svsf.P, I_KH @ P @ I_KH.T + K @ R @ K.T, rtol=1e-7, atol=1e-10)
 
 
 @settings(max_examples=80, deadline=None)
 @given(**problem)
-def test_outside_the_layer_it_contracts_by_gamma(seed, n, m_share) -> None:
-    rng = np.random.default_rng(seed)
-    m = channels(n, m_share)
+def test_outside_the_layer_it_contracts_by_gamma(seed, n_and_m) -> None:
+    rng, (n, m) = np.random.default_rng(seed), n_and_m
     svsf = prepared(rng, n, m, psi=1e-3, gamma=0.4)
     svsf.e_post = before = rng.normal(size=m)
     e = rng.choice([-1.0, 1.0], m) * rng.uniform(0.1, 2.0, m)

@@ -56,12 +56,6 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(folder)}
-    command = [sys.executable, *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
-
-
 def test_the_diff_is_one_new_module_and_one_recipe_line() -> None:
     parts = re.split(r"^diff --git .*\n", DIFF.read_text("utf-8"), flags=re.MULTILINE)[1:]
     recipes = [p for p in parts if "+++ b/datasets/" in p]
@@ -72,5 +66,7 @@ def test_the_diff_is_one_new_module_and_one_recipe_line() -> None:
 
 
 def test_it_is_in_the_catalogue_in_the_recipe_and_in_the_plant(copy: Path) -> None:
-    done = run(copy, "-c", USE)
+    environment = {**os.environ, "PYTHONPATH": str(copy)}
+    command = [sys.executable, "-c", USE]
+    done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr

@@ -32,6 +32,13 @@ class Case:
     found: Identification
 
 
+def identified(found: Identification, quantity: str) -> tuple[float, float]:
+    """A quantity's value and standard deviation."""
+    (row,) = [r for r in found.table if r.quantity == quantity]
+    assert row.identified is not None and row.std is not None, row.note
+    return row.identified, row.std
+
+
 def with_zeros(unit: Unit, rng: np.random.Generator) -> Unit:
     """The unit with pressure sensors that are off, by 8 and 2 kPa rms."""
     for channel, size in (("pressure_difference", 8e3), ("pressure_1", 2e3), ("pressure_2", 2e3)):
@@ -41,9 +48,7 @@ def with_zeros(unit: Unit, rng: np.random.Generator) -> Unit:
 
 def random_unit(seed: int) -> Unit:
     """Axis A with its parameters drawn within 15 % of the profile's."""
-    rng = np.random.default_rng(seed)
-    unit = Unit.load("axis_a")
-
+    rng, unit = np.random.default_rng(seed), Unit.load("axis_a")
     for section, names in (
         (unit.pump, ("displacement", "cross_port_leakage", "case_leakage")),
         (unit.oil, ("bulk_modulus", "air_fraction")),

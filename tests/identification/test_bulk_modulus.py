@@ -23,11 +23,10 @@ def outcome(logs: list[Samples], base: Unit = AXIS_A) -> Outcome:
 
 def with_air(unit: Unit, air: float) -> Unit:
     """The same oil with another share of free air: the oil itself stays as stiff."""
-    more = (air - unit.oil.air_fraction) * air_compliance(
-        unit.oil.reference_pressure, unit.oil.polytropic_index
-    )
-    unit.oil.bulk_modulus = 1.0 / (1.0 / unit.oil.bulk_modulus + float(more))
-    unit.oil.air_fraction = air
+    oil = unit.oil
+    soft = float(air_compliance(oil.reference_pressure, oil.polytropic_index))
+    oil.bulk_modulus = 1.0 / (1.0 / oil.bulk_modulus + (air - oil.air_fraction) * soft)
+    oil.air_fraction = air
     return unit
 
 

@@ -32,14 +32,12 @@ SPEEDS = {"name": "constant_speed", "amplitude": 0.05, "turn": 6.0}
 SLOW_TO_FAST = (5.0, 8.0, 20.0, 40.0, 80.0, 150.0, 250.0)
 
 
-def second_order(noise: float, seed: int, rows: int = 6000, delay: int = 0) -> Series:
+def second_order(noise: float, seed: int, rows: int = 6000) -> Series:
     """A pole pair behind a held input, its output in coloured noise, discretised by SciPy."""
     rng = np.random.default_rng(seed)
     given = 50.0 * np.repeat(rng.choice([-1.0, 1.0], rows // 4), 4)
-    late = np.concatenate([np.zeros(delay), given])[:rows]
     coloured = lfilter([1.0, 0.3], [1.0, -0.9], rng.standard_normal(rows))
-    caused = lfilter(TOP, BOTTOM, late) + noise * coloured
-    return Series(given, caused, np.arange(rows) > 50)
+    return Series(given, lfilter(TOP, BOTTOM, given) + noise * coloured, np.arange(rows) > 50)
 
 
 def test_intervals_hold_gain_frequency_and_damping():
@@ -73,22 +71,16 @@ def record(run: Simulation) -> Record:
     return even_record(run.samples, Unit.load("axis_a"), "log")
 
 
-@functools.cache
-def linear_log() -> tuple[Record, Unit]:
-    """A plant with viscous friction alone, after two strokes that let the log pass as one."""
+@pytest.mark.slow
+def test_the_hydraulic_resonance_of_eq_5_22_is_found():
+    """Of a plant with viscous friction alone, after two strokes that let the log pass as one."""
     unit = Unit.load("axis_a").model_copy(deep=True)
     for branch in (unit.friction.forward, unit.friction.reverse):
-        branch.coulomb = branch.static = 0.0
-        branch.viscous = 800.0
+        branch.coulomb, branch.static, branch.viscous = 0.0, 0.0, 800.0
     sharp = Details(pump_ripple=0.0, pump_coulomb_torque=0.0, seal_damping=0.0, check_width=200.0)
     signal = 0.3 * VOLT * identification_volts(12.5, 1)
     command = np.concatenate([np.full(600, 20.0), np.full(600, -20.0), np.zeros(200), signal])
-    return record(run_speed(unit, command, details=sharp, seed=1)), unit
-
-
-@pytest.mark.slow
-def test_the_hydraulic_resonance_of_eq_5_22_is_found():
-    log, unit = linear_log()
+    log = record(run_speed(unit, command, details=sharp, seed=1))
     outcome, eq = frequency_response([log], unit), from_profile(unit, 800.0)
     found = told(outcome)
     natural, damping = found["natural frequency of a pole pair"], found["its damping ratio"]
@@ -143,8 +135,7 @@ def test_leakage_gain_and_slip_of_a_drawn_unit(seed):
     found, true = told(gain(logs, base)), unit.pump.displacement / unit.cylinder.area_1
     for direction in ("forward", "reverse"):
         one, slip = found[f"gain, {direction}"], found[f"slip, {direction}"]
-        assert one.low < true < one.high
-        assert one.high - one.low < 0.01 * true
+        assert one.low < true < one.high and one.high - one.low < 0.01 * true
         assert slip.value == pytest.approx(unit.pump.cross_port_leakage + unit.pump.case_leakage, rel=0.12)
 
 
@@ -157,9 +148,8 @@ def test_friction_is_that_on_the_piston():
         outcome = friction([record(run)], Unit.load("axis_a"))
         mean = np.ones(40) / 40.0
         for direction, sign in (("forward", 1.0), ("reverse", -1.0)):
-            v, force = (
-                sign * np.convolve(run.truth[c], mean, "same") for c in ("velocity", "friction_force")
-            )
+            columns = (run.truth[name] for name in ("velocity", "friction_force"))
+            v, force = (sign * np.convolve(column, mean, "same") for column in columns)
             steady = np.abs(np.gradient(v, 1e-3)) < 1.0
             curve = outcome.curves[direction]
             for speed, low, high in zip(curve["speed"], curve["low"], curve["high"], strict=True):

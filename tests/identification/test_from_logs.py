@@ -64,10 +64,7 @@ def profile(logs: list[Samples]) -> Unit:
 def test_added_logs_count_as_if_all_had_been_there(
     logs: list[Samples], profile: Unit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Coefficients within half of their standard deviation, these within 5 %, of the sums of all logs.
-
-    What the unit's logs differ by stays as the first ones told it (`moderation`): here as any unit's do.
-    """
+    """What the unit's logs differ by stays as the first ones told it (`moderation`), here as any unit's."""
     monkeypatch.setattr("fdd.diagnosis.baseline.moderation", lambda name, logs, e: np.ones(len(e.mean)))
     profile = add_baseline(profile, logs[:2])
     found, added = add_logs(logs[2:], profile)
@@ -87,9 +84,7 @@ def test_added_logs_count_as_if_all_had_been_there(
 
 
 def test_a_profile_without_its_balances_takes_no_logs(logs: list[Samples], profile: Unit) -> None:
-    bare = profile.model_copy(update={"baseline": None})
     assert profile.baseline is not None
-    older = profile.model_copy(update={"baseline": profile.baseline.model_copy(update={"version": "5"})})
-    for unit in (bare, older):
+    for baseline in (None, profile.baseline.model_copy(update={"version": "5"})):
         with pytest.raises(InputError, match="no healthy baseline of this version"):
-            add_logs(logs[2:3], unit)
+            add_logs(logs[2:3], profile.model_copy(update={"baseline": baseline}))

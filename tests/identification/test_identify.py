@@ -6,7 +6,7 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
-from made_units import TEMPERATURE, Case, calibration_logs, only, random_unit
+from made_units import TEMPERATURE, Case, calibration_logs, identified, only, random_unit, scaled
 
 from fdd.errors import InputError
 from fdd.identification import identify_unit
@@ -15,14 +15,7 @@ from fdd.identification.profile import Identification
 from fdd.plant import oil as plant_oil
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
-from fdd.samples import Samples
 from fdd.unit import Unit
-
-
-def identified(found: Identification, quantity: str) -> tuple[float, float]:
-    row = next(r for r in found.table if r.quantity == quantity)
-    assert row.identified is not None and row.std is not None, row.note
-    return row.identified, row.std
 
 
 def true_leakage(unit: Unit) -> float:
@@ -34,15 +27,16 @@ def true_bulk_modulus(case: Case, found: Identification) -> float:
     return float(plant_oil.bulk_modulus(case.truth.oil, found.unit.oil.reference_pressure))
 
 
-def test_gain_leakage_and_bulk_modulus_are_those_of_the_unit(case: Case) -> None:
-    found = case.found.unit
-    assert found.pump.displacement / found.cylinder.area_1 == pytest.approx(
-        case.truth.pump.displacement / case.truth.cylinder.area_1, rel=0.002
-    )
-    assert found.pump.total_leakage == pytest.approx(true_leakage(case.truth), rel=0.03)
+def test_pump_oil_charge_and_torque_constant_are_those_of_the_unit(case: Case) -> None:
+    found, truth = case.found.unit, case.truth
+    gain = truth.pump.displacement / truth.cylinder.area_1
+    assert found.pump.displacement / found.cylinder.area_1 == pytest.approx(gain, rel=0.002)
+    assert found.pump.total_leakage == pytest.approx(true_leakage(truth), rel=0.03)
     assert found.oil.bulk_modulus == pytest.approx(true_bulk_modulus(case, case.found), rel=0.05)
-    assert found.oil.air_fraction == pytest.approx(case.truth.oil.air_fraction, rel=0.15)
+    assert found.oil.air_fraction == pytest.approx(truth.oil.air_fraction, rel=0.15)
     assert found.oil.reference_temperature == pytest.approx(TEMPERATURE, abs=0.1)
+    assert found.accumulator.charge_pressure == pytest.approx(truth.accumulator.charge_pressure, rel=0.1)
+    assert found.drive.torque_constant == pytest.approx(truth.drive.torque_constant, rel=0.02)
 
 
 def test_areas_stay_the_bases_and_volumes_are_those_of_the_unit(case: Case) -> None:
@@ -59,11 +53,9 @@ def test_areas_stay_the_bases_and_volumes_are_those_of_the_unit(case: Case) -> N
 def test_friction_is_that_of_the_unit_although_half_of_the_logs_are_loaded(case: Case) -> None:
     speed = np.array([0.02, 0.05, 0.09])
     for direction in ("forward", "reverse"):
-        found = getattr(case.found.unit.friction, direction)
-        truth = getattr(case.truth.friction, direction)
+        found, truth = (getattr(unit.friction, direction) for unit in (case.found.unit, case.truth))
         assert found.coulomb == pytest.approx(truth.coulomb, rel=0.15)
         assert found.static >= found.coulomb
-
         # 2 kPa of zero in either chamber feign some 4 N.
         np.testing.assert_allclose(curve(found, speed), curve(truth, speed), rtol=0.05, atol=10.0)
     assert case.found.unit.friction.trial_spread == case.base.friction.trial_spread
@@ -82,12 +74,6 @@ def test_sensors(case: Case) -> None:
         assert found[channel].resolution == pytest.approx(truth[channel].resolution, rel=1e-3)
     # The step that was found stands for itself, not for the base's converter or encoder.
     assert found["pressure_difference"].loop is None and found["pump_angle"].lines is None
-
-
-def test_charge_pressure_and_torque_constant(case: Case) -> None:
-    found = case.found.unit
-    assert found.accumulator.charge_pressure == pytest.approx(case.truth.accumulator.charge_pressure, rel=0.1)
-    assert found.drive.torque_constant == pytest.approx(case.truth.drive.torque_constant, rel=0.02)
 
 
 def test_what_its_model_lacks_moves_its_figures_by_so_much() -> None:
@@ -128,8 +114,7 @@ def test_minimal_sensors(case: Case) -> None:
     result = identify_unit(logs, case.base)
     found = result.unit
     assert found.pump.displacement == pytest.approx(case.truth.pump.displacement, rel=0.005)
-    thicker = true_leakage(case.truth)
-    assert found.pump.total_leakage == pytest.approx(thicker, rel=0.07)
+    assert found.pump.total_leakage == pytest.approx(true_leakage(case.truth), rel=0.07)
     assert found.oil.bulk_modulus == pytest.approx(true_bulk_modulus(case, result), rel=0.15)
     assert found.oil.reference_temperature == case.base.oil.reference_temperature
     assert found.accumulator.charge_pressure == case.base.accumulator.charge_pressure
@@ -187,30 +172,24 @@ def test_a_spring_on_every_stroke_is_not_taken_for_friction(cases: dict[int, Cas
         assert getattr(found.unit.friction, direction).coulomb < 400.0
 
 
-def refused(logs: list[Samples], base: Unit) -> str:
-    with pytest.raises(InputError) as error:
-        identify_unit(logs, base)
-    assert "\n" not in str(error.value)
-    return str(error.value)
-
-
 def test_refusals(cases: dict[int, Case]) -> None:
-    case = cases[1]
-    log, base = case.logs[0], case.base
-    assert "no healthy log" in refused([], base)
-    assert "at least 5 s" in refused([log.rows(0, 4000)], base)
-    assert "data for position" in refused([only(log, "pump_angle", "pressure_difference")], base)
-    assert "pump_angle (or pump_speed)" in refused([only(log, "position", "pressure_difference")], base)
-    assert "pressure_difference (or" in refused([only(log, "position", "pump_angle", "pressure_1")], base)
-    still = log.with_columns({"position": np.full(len(log), 0.01)})
-    assert "moves by" in refused([still], base)
-    stopped = log.with_columns({"pump_angle": np.zeros(len(log))})
-    assert "pump turns" in refused([stopped], base)
-    inch = log.with_columns({"position": log["position"] * 25.4})
-    assert "check the units" in refused([inch], base)
-    backwards = log.with_columns({"position": -log["position"]})
-    assert "sign" in refused([backwards], base)
-    assert "healthy log 2" in refused([log, inch], base)
+    log, base = cases[1].logs[0], cases[1].base
+    inch = scaled(log, 25.4, "position")
+    for logs, said in (
+        ([], "no healthy log"),
+        ([log.rows(0, 4000)], "at least 5 s"),
+        ([only(log, "pump_angle", "pressure_difference")], "data for position"),
+        ([only(log, "position", "pressure_difference")], "pump_angle (or pump_speed)"),
+        ([only(log, "position", "pump_angle", "pressure_1")], "pressure_difference (or"),
+        ([log.with_columns({"position": np.full(len(log), 0.01)})], "moves by"),
+        ([log.with_columns({"pump_angle": np.zeros(len(log))})], "pump turns"),
+        ([inch], "check the units"),
+        ([scaled(log, -1.0, "position")], "sign"),
+        ([log, inch], "healthy log 2"),
+    ):
+        with pytest.raises(InputError) as error:
+            identify_unit(logs, base)
+        assert said in str(error.value) and "\n" not in str(error.value)
 
 
 def test_dead_pressure_sensors_leave_the_bases_numbers(cases: dict[int, Case]) -> None:

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_units import calibration_logs, random_unit
+from made_units import calibration_logs, identified, random_unit
 from scipy.signal import butter, sosfilt
 
 from fdd.identification import identify_unit
 from fdd.identification.friction import curve, fit_friction
-from fdd.identification.profile import Identification
 from fdd.identification.record import Record
 from fdd.identification.sensors import effective_noise, resolution
 from fdd.plant import oil as plant_oil
@@ -60,9 +59,8 @@ def _gusty(seed: int, factor: float, gust: float) -> tuple[Record, Unit]:
     speed = np.gradient(position, period)
     blows = sosfilt(butter(1, 1.0, fs=1.0 / period, output="sos"), rng.standard_normal(time.size))
     blows *= gust / blows.std()
-    friction = np.where(
-        speed > 0, curve(unit.friction.forward, np.abs(speed)), curve(unit.friction.reverse, np.abs(speed))
-    )
+    out, back = (curve(branch, np.abs(speed)) for branch in (unit.friction.forward, unit.friction.reverse))
+    friction = np.where(speed > 0, out, back)
     p = (factor * friction * np.sign(speed) + blows + 400.0) / unit.cylinder.area_1
     level = np.full(time.size, 5e5)
     record = Record(
@@ -75,11 +73,7 @@ def _gusty(seed: int, factor: float, gust: float) -> tuple[Record, Unit]:
 
 
 def test_friction_is_seen_through_gusts_or_kept() -> None:
-    """Test: gusts as large as the friction and thirty times as large, on friction of twice the base's.
-
-    Expected: the weaker ones leave the factor within three standard deviations, at their size and not at
-    that of the gusts; the stronger ones hide it, and the base's friction stays.
-    """
+    """Gusts as large as it leave twice the base's within three deviations; 30 times as large hide it."""
     coulomb = Unit.load("axis_a").friction.forward.coulomb
     for seed in range(4):
         record, unit = _gusty(seed, 2.0, 600.0)
@@ -107,12 +101,6 @@ def gain_and_split(cylinder: Cylinder, base: Cylinder) -> tuple[float, float]:
     return (base.volume_1 + base.volume_2) / total, (cylinder.volume_1 - cylinder.volume_2) / total
 
 
-def std_of(found: Identification, quantity: str) -> float:
-    (row,) = [r for r in found.table if r.quantity == quantity]
-    assert row.std is not None
-    return row.std
-
-
 @pytest.mark.parametrize(("seed", "scale"), [(2, (0.8, 0.9)), (1, (1.0, 1.3))])
 def test_volumes_of_both_chambers_are_found(seed: int, scale: tuple[float, float]) -> None:
     truth, logs = unit_of(seed, *scale)
@@ -125,11 +113,11 @@ def test_volumes_of_both_chambers_are_found(seed: int, scale: tuple[float, float
     assert found.unit.cylinder.position_compliance == 1.0
     for chamber in ("volume_1", "volume_2"):
         error = getattr(found.unit.cylinder, chamber) - getattr(truth.cylinder, chamber)
-        assert abs(error) < 3.0 * std_of(found, f"cylinder.{chamber}")
+        assert abs(error) < 3.0 * identified(found, f"cylinder.{chamber}")[1]
     # Volume in hand, bulk modulus is no longer relative to the base's: without it it would be up to 15 % off.
     beta = float(plant_oil.bulk_modulus(truth.oil, found.unit.oil.reference_pressure))
     assert found.unit.oil.bulk_modulus == pytest.approx(beta, rel=0.06)
-    assert abs(found.unit.oil.bulk_modulus - beta) < 3.0 * std_of(found, "oil.bulk_modulus")
+    assert abs(found.unit.oil.bulk_modulus - beta) < 3.0 * identified(found, "oil.bulk_modulus")[1]
     assert any("volumes follow from" in note for note in found.notes)
     assert not any("volumes stay" in note for note in found.notes)
 
@@ -143,7 +131,7 @@ def test_a_gain_of_two_is_no_volume() -> None:
     assert gain == pytest.approx(1.0, abs=1e-9)
     assert split == pytest.approx(0.0, abs=0.01)
     assert found.unit.cylinder.position_compliance == pytest.approx(2.0, abs=0.08)
-    std = std_of(found, "cylinder.position_compliance")
+    _, std = identified(found, "cylinder.position_compliance")
     assert abs(found.unit.cylinder.position_compliance - 2.0) < 3.0 * std < 0.5
     assert any("volumes stay the base's" in note for note in found.notes)
     # Bulk modulus goes with the volumes: twice that of the oil, as the volumes are.

@@ -37,10 +37,7 @@ def test_rig(rig: str, suffix: str, axis: str) -> None:
 @pytest.mark.skipif(not RIGS.is_dir(), reason="the rigs' logs are not here")
 @pytest.mark.parametrize("rig", ["rig6", "rig7"])
 def test_another_makers_rig_from_its_data_sheet(rig: str) -> None:
-    """Test: ordinary work under a load that nobody measures, Δp or p1 and p2 alone.
-
-    Expected: leakage nearer to the truth than the sheet's usual 40 %, displacement than its 2 %.
-    """
+    """Ordinary work under a load that nobody measures, Δp or p1 and p2 alone; the sheet leaves 40 %."""
     base = Unit.load(ROOT / "examples" / f"{rig}.base.yaml")
     logs = [read_log(path).samples for path in sorted((RIGS / rig).glob("baseline*.parquet"))]
     result = identify_unit(logs, base)

@@ -75,7 +75,6 @@ def test_the_leaking_log_among_healthy_ones_is_named(healthy: list[Samples], sev
 
 @pytest.mark.slow
 def test_a_fault_that_comes_within_a_log_is_named(healthy: list[Samples]) -> None:
-    """Test: a leak that begins within a log. Expected: each half identifies another, which is refused."""
     leak = {"fault": "internal_leakage", "severity": 0.8, "onset": 15.0}
     leaking = work(spread_unit(1), 78, duty="steps", load="spring", fault=leak)
     assert "log1 does" in refused([healthy[0], leaking, healthy[2]])
@@ -94,13 +93,13 @@ def test_swapped_chambers_and_a_turned_difference(healthy: list[Samples]) -> Non
 
 def test_one_log_cannot_tell_a_leak_from_a_leaky_unit() -> None:
     fault = {"fault": "internal_leakage", "severity": 0.5, "onset": 0.0}
-    leaking = work(Unit.load("axis_a"), 79, duty="steps", load="spring", fault=fault)
+    axis = Unit.load("axis_a")
+    leaking = work(axis, 79, duty="steps", load="spring", fault=fault)
     result = judged([leaking])
     assert result.verdict == "usable with limits"
     assert "one log" in " ".join(result.remarks)
-    found = identify_unit([leaking], Unit.load("axis_a")).unit
-    times = float(result.sentence.split("leakage is ")[1].split(" times")[0])
-    assert times > 1.5 and found.pump.total_leakage > 1.5 * Unit.load("axis_a").pump.total_leakage
+    assert float(result.sentence.split("leakage is ")[1].split(" times")[0]) > 1.5
+    assert identify_unit([leaking], axis).unit.pump.total_leakage > 1.5 * axis.pump.total_leakage
 
 
 def test_farther_than_manufacturing_leaves_open(healthy: list[Samples]) -> None:
@@ -114,10 +113,7 @@ def test_farther_than_manufacturing_leaves_open(healthy: list[Samples]) -> None:
 
 
 def test_a_throttled_load_is_no_turned_sign() -> None:
-    """Test: a load that goes with the speed, whose force a free gain takes for oil flowing backwards.
-
-    Expected: the log passes, with its pressures swapped it does not.
-    """
+    """A load that goes with the speed, whose force a free gain takes for oil flowing backwards."""
     unit = Unit.load("axis_a")
     log = work(unit, 5, duty="steps", load="throttle")
     own = add_baseline(identify_unit([log], unit).unit, [log])
@@ -128,10 +124,7 @@ def test_a_throttled_load_is_no_turned_sign() -> None:
 
 
 def test_a_retracting_single_rod_is_no_turned_sign() -> None:
-    """Test: a single rod's chambers meter with their own areas; its log under its own profile.
-
-    Expected: the log passes, as it stands and with the profile's gain off by twice its own uncertainty.
-    """
+    """As it stands and with the profile's gain off by twice its own uncertainty."""
     unit = spread_unit(3)
     unit.cylinder.area_2 = 0.6 * unit.cylinder.area_1
     log = work(unit, 7, duty="sines", load="spring")
@@ -143,11 +136,7 @@ def test_a_retracting_single_rod_is_no_turned_sign() -> None:
 
 
 def test_wander_beside_a_small_load_is_no_other_unit() -> None:
-    """Test: chambers that hardly differ beside a wander of 46 % of that, and a difference 5 % off in gain.
-
-    Expected: the slope of 0.95 / (1 + 0.46²) = 0.785 passes for one of sound sensors, as it does for the
-    inverse regression's 0.95; with a difference in another unit, which no wander makes, it does not.
-    """
+    """Wander of 46 %, a gain 5 % off: a slope of 0.95 / (1 + 0.46²) = 0.785, which sound sensors may have."""
     unit = spread_unit(4)
     log = work(unit, 8, duty="sines", load="none")
     drop = uniform_filter1d(log["pressure_1"] - log["pressure_2"], 51)

@@ -32,24 +32,29 @@ def test_a_sound_log_passes_without_a_word(healthy: Samples, unit: Unit) -> None
     assert check_scales(healthy, unit, "log") == []
 
 
-@pytest.mark.parametrize("factor, hint", [
-    (0.0689476, "bar read as psi"), (10.0, "bar read as MPa"), (0.01, "bar read as kPa"),
-])  # fmt: skip
-def test_pressures_in_another_unit_are_refused(
-    healthy: Samples, unit: Unit, factor: float, hint: str
-) -> None:
+@pytest.mark.parametrize(
+    ("channels", "factor", "hint"),
+    [
+        (PRESSURES, 0.0689476, "bar read as psi"),
+        (PRESSURES, 10.0, "bar read as MPa"),
+        (PRESSURES, 0.01, "bar read as kPa"),
+        (("pump_angle",), 180.0 / np.pi, "deg read as rad"),
+        (("pump_angle",), np.pi / 180.0, "rad read as deg"),
+        (("position",), 10.0, "mm read as cm"),
+        (("position",), 1e-3, "m read as mm"),
+        (("pump_speed",), 30.0 / np.pi, "rpm read as rad/s"),
+    ],
+)
+def test_another_unit_of_measure_is_refused_in_one_line(healthy, unit, channels, factor, hint) -> None:
     with pytest.raises(InputError, match=hint) as caught:
-        check_scales(scaled(healthy, factor, *PRESSURES), unit, "log")
+        check_scales(scaled(healthy, factor, *channels), unit, "log")
     assert str(caught.value).startswith("log: ") and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("channel", ["pressure_1", "pressure_2", "pressure_accumulator"])
 @pytest.mark.parametrize("factor, hint", [(0.1, "MPa read as bar"), (0.0689476, "bar read as psi")])
-def test_one_pressure_in_another_unit_is_refused_by_name(
-    healthy: Samples, unit: Unit, channel: str, factor: float, hint: str
-) -> None:
-    """Without a measured difference, which would tell it: a reader makes it of what it reads, and the others'
-    converters count as the profile's do."""
+def test_one_pressure_in_another_unit_is_refused_by_name(healthy, unit, channel, factor, hint) -> None:
+    """Without a measured difference, which would tell it: a reader makes it of what it reads."""
     wrong = scaled(healthy, factor, channel)
     made = {"pressure_difference": wrong["pressure_1"] - wrong["pressure_2"]}
     with pytest.raises(InputError, match=f"channel {channel}.*{hint}"):
@@ -61,18 +66,6 @@ def test_a_transducer_that_reads_high_is_no_other_unit(healthy: Samples, unit: U
     step = unit.sensor("pressure_1").resolution
     high = {"pressure_1": step * np.rint(1.02 * healthy["pressure_1"] / step)}
     assert check_scales(healthy.with_columns(high), unit, "log") == []
-
-
-@pytest.mark.parametrize("channel, factor, hint", [
-    ("pump_angle", 180.0 / np.pi, "deg read as rad"), ("pump_angle", np.pi / 180.0, "rad read as deg"),
-    ("position", 10.0, "mm read as cm"), ("position", 1e-3, "m read as mm"),
-    ("pump_speed", 30.0 / np.pi, "rpm read as rad/s"),
-])  # fmt: skip
-def test_motion_in_another_unit_is_refused(
-    healthy: Samples, unit: Unit, channel: str, factor: float, hint: str
-) -> None:
-    with pytest.raises(InputError, match=hint):
-        check_scales(scaled(healthy, factor, channel), unit, "log")
 
 
 def test_rpm_are_no_centimetres(healthy: Samples, unit: Unit) -> None:
@@ -89,15 +82,15 @@ def test_milliseconds_read_as_seconds_are_refused(healthy: Samples, unit: Unit) 
 
 
 def test_another_units_profile_is_told_in_a_note(healthy: Samples, unit: Unit) -> None:
-    """Test: displacement 10 % off, which a worn pump could be as well. Expected: a note, no refusal."""
+    """Displacement 10 % off, which a worn pump could be as well."""
     other = unit.model_copy(deep=True)
     other.pump.displacement *= 1.1
     assert any("of another unit" in note for note in check_scales(healthy, other, "log"))
 
 
 def test_a_log_at_rest_tells_nothing(healthy: Samples, unit: Unit) -> None:
-    still = healthy.with_columns({n: np.full(len(healthy), healthy[n][0]) for n in
-                                  ("position", "pump_angle", "pump_speed") if n in healthy})  # fmt: skip
+    motion = [name for name in ("position", "pump_angle", "pump_speed") if name in healthy]
+    still = healthy.with_columns({name: np.full(len(healthy), healthy[name][0]) for name in motion})
     assert check_scales(still, unit, "log") == []
 
 

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from fault_case import Array, Case, checked, lost, over_time
 
 from fdd.plant.details import Details
-from fdd.plant.duty import Levels
 from fdd.plant.faults.spec import FaultScales
-from fdd.plant.load import NoLoad
+from fdd.plant.load import ConstantLoad, NoLoad
 from fdd.plant.oil import viscosity_ratio
-from fdd.plant.scenario import Control, Recording
+from fdd.plant.scenario import Recording
 from fdd.plant.truth import Truth
 from fdd.unit import FrictionBranch
 
 
 def strokes(case: Case, speed: float, duration: float) -> tuple[Truth, Truth]:
     """Faulty and healthy at a steady pump speed, from 7 cm before mid-stroke."""
-    changes: dict[str, Any] = {
-        "duration": duration, "duty": Levels(points=speed, offset=-np.copysign(0.07, speed)),
-        "load": NoLoad(), "control": Control(mode="speed"), "details": Details(pump_ripple=0.0),
-        "recording": Recording.perfect(),
-    }  # fmt: skip
-    return case.again(**changes)
+    return case.at_speeds(speed, duration, -np.copysign(0.07, speed), details=Details(pump_ripple=0.0))
 
 
 def dry(branch: FrictionBranch, v: float, level: float = 1.0, rest: float = 1.0) -> float:
@@ -34,14 +26,10 @@ def dry(branch: FrictionBranch, v: float, level: float = 1.0, rest: float = 1.0)
     return float(level * branch.coulomb + rest * (branch.static - branch.coulomb) * falling)
 
 
-def friction_changes(
-    case: Case,
-    forward: tuple[float, float],
-    reverse: tuple[float, float],
-    viscous: float,
-    *,
-    thicker: float = 1.0,
-) -> None:
+Pair = tuple[float, float]
+
+
+def friction_changes(case: Case, forward: Pair, reverse: Pair, viscous: float, thicker: float = 1.0) -> None:
     """Each direction's level at speed and what rest has beyond it, and the viscous part, over the healthy.
 
     At two speeds of steady sliding, against eq. 5.9 with the unit's own curve and this run's draw.
@@ -136,10 +124,8 @@ PLAIN = Details(pump_ripple=0.0, pump_friction=0.0, pump_drag=0.0, cogging_torqu
 
 def turning(case: Case) -> tuple[Truth, Truth]:
     """Faulty and healthy at speeds so low that a sample each millisecond shows what swings with the shaft."""
-    return case.again(
-        duration=6.0, duty=Levels(points="0:25/2:-25/4:40", offset=-0.03), control=Control(mode="speed"),
-        details=PLAIN, recording=Recording.perfect(),
-    )  # fmt: skip
+    load = ConstantLoad(level=600.0 * case.axis)
+    return case.at_speeds("0:25/2:-25/4:40", 6.0, -0.03, load=load, details=PLAIN)
 
 
 def shaft(case: Case, truth: Truth) -> Array:
@@ -176,14 +162,10 @@ def motor_degradation(case: Case) -> None:
     if case.axis == 2 or law == "phase":  # the other axis would drag a motor that falls behind
         return
     # A winding of much resistance on little voltage: V = R·i + K_e·ω at steady speed.
-    drive, supply, resistance = case.unit.drive, 40.0, 100.0
-    weak = case.unit.model_copy(
-        update={"drive": drive.model_copy(update={"voltage_limit": supply, "winding_resistance": resistance})}
-    )
-    starved = case.again(
-        unit=weak, duration=3.0, duty=Levels(points=200.0, offset=-0.05), control=Control(mode="speed"),
-        load=NoLoad(), details=PLAIN, recording=Recording.perfect(),
-    )  # fmt: skip
+    supply, resistance = 40.0, 100.0
+    drive = case.unit.drive.model_copy(update={"voltage_limit": supply, "winding_resistance": resistance})
+    weak = case.unit.model_copy(update={"drive": drive})
+    starved = case.at_speeds(200.0, 3.0, -0.05, unit=weak, details=PLAIN)
     for truth, emf, more in zip(starved, (volts, 1.0), (ohms, 1.0), strict=True):
         speed, current = truth["pump_speed"][-300:], truth["motor_current"][-300:]
         assert np.ptp(current) < 0.01 * current.mean()
@@ -200,8 +182,7 @@ def drive_failure(case: Case) -> None:
         # To the integrator's own tolerance of the current.
         assert np.abs(faulty["motor_current"]).max() == pytest.approx(5.0, abs=1e-4)
         return
-    free: dict[str, Any] = {"load": NoLoad(), "recording": Recording.perfect()}
-    truth, sound = case.again(case.spec.onset, **free)
+    truth, sound = case.again(case.spec.onset, load=NoLoad(), recording=Recording.perfect())
     # The winding's current dies out within some current lags, and with it the torque.
     dead, before = truth.time > case.spec.onset + 0.01, truth.time < case.spec.onset
     assert np.abs(truth["motor_current"][dead]).max() < 1e-6
@@ -216,11 +197,12 @@ def drive_failure(case: Case) -> None:
 def coupling_wear(case: Case) -> None:
     """The pump's angle, from the flow that it gives, lags the motor's by the play, whichever way it turns."""
     loose = 0.0 if case.spec.law == "bent" else np.deg2rad(2.0)
-    changes: dict[str, Any] = {
-        "duration": 3.0, "duty": Levels(points="0:100/1:-100/2:100"), "control": Control(mode="speed"),
-        "details": Details(pump_ripple=0.0), "recording": Recording.perfect(), "load": NoLoad(),
-    }  # fmt: skip
-    truth, healthy = case.again(**changes, fault_scales=FaultScales(coupling_eccentricity=0.0))
+
+    def to_and_fro(scales: FaultScales) -> tuple[Truth, Truth]:
+        details = Details(pump_ripple=0.0)
+        return case.at_speeds("0:100/1:-100/2:100", 3.0, details=details, fault_scales=scales)
+
+    truth, healthy = to_and_fro(FaultScales(coupling_eccentricity=0.0))
     displacement = case.unit.pump.displacement
     for each, play in ((healthy, 0.0), (truth, loose)):
         turned = each["pump_flow"] / displacement
@@ -230,13 +212,12 @@ def coupling_wear(case: Case) -> None:
         assert each["port_difference"][[980, 2980]].min() > 0.0 > each["port_difference"][1980]
         # The flanks give 500 N·m/rad under the pump's torque, friction and leakage on both sides of zero.
         torque = displacement * np.abs(each["port_difference"][[980, 1980, 2980]])
-        bent = (torque[0] + torque[1]) / 500.0 if play else 0.0
-        bent_back = (torque[1] + torque[2]) / 500.0 if play else 0.0
-        assert ends[0] - ends[1] == pytest.approx(play + bent, abs=4e-4)
-        assert ends[2] - ends[1] == pytest.approx(play + bent_back, abs=4e-4)
+        for k in (0, 2):
+            bent = (torque[k] + torque[1]) / 500.0 if play else 0.0
+            assert ends[k] - ends[1] == pytest.approx(play + bent, abs=4e-4)
     # Out of line, the pump's speed swings once a turn; twice the first harmonic over the motor's angle.
     # Without the play, through which the pump's own pressure pulses would drive it to and fro.
-    swinging, steady = case.again(**changes, fault_scales=FaultScales(coupling_play=0.0))
+    swinging, steady = to_and_fro(FaultScales(coupling_play=0.0))
     for each, swing in ((swinging, 0.0 if case.spec.law == "play" else 0.02), (steady, 0.0)):
         rows = (each.time > 0.4) & (each.time < 0.98)
         share = each["pump_flow"][rows] / (displacement * each["pump_speed"][rows]) - 1.0

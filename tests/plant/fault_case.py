@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from fdd.plant.duty import Steps
+from fdd.faults import CATALOGUE
+from fdd.plant.duty import Levels, Steps
 from fdd.plant.faults.spec import FaultSpec
-from fdd.plant.load import ConstantLoad
-from fdd.plant.scenario import Scenario
+from fdd.plant.load import ConstantLoad, NoLoad
+from fdd.plant.scenario import Control, Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.plant.truth import Truth
 from fdd.unit import Unit
 
 ONSET = 2.0
 Array = np.ndarray
+
+
+def choices(names: Iterable[str]) -> list[tuple[Any, ...]]:
+    """These faults with each of their sides, variants and laws."""
+    return [
+        (entry.id, *choice)
+        for entry in (CATALOGUE[name] for name in names)
+        for choice in product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))
+    ]
 
 
 def _drained(name: str) -> Unit:
@@ -36,15 +47,9 @@ def run(*faults: FaultSpec, axis: int = 1, unit: Unit | None = None, **changes: 
 
     A circuit goes to both axes, each with its own accumulator, or oil would go from one to the other.
     """
-    given: dict[str, Any] = {
-        "duration": 5.0,
-        "duty": Steps(amplitude=0.04, hold=0.8),
-        "load": ConstantLoad(level=600.0 * axis),
-        "seed": 5,
-        "oil_temperature": UNITS[1].oil.reference_temperature,
-        "faults": list(faults),
-    }
-    given |= changes
+    given: dict[str, Any] = {"duration": 5.0, "duty": Steps(amplitude=0.04, hold=0.8), "seed": 5}
+    given |= {"load": ConstantLoad(level=600.0 * axis), "faults": list(faults)}
+    given |= {"oil_temperature": UNITS[1].oil.reference_temperature, **changes}
     if axis == 1:
         return simulate(unit or UNITS[1], Scenario(**given))
     given |= {"partner": {"circuit": given["circuit"]} if "circuit" in given else {}, "accumulator": "each"}
@@ -93,6 +98,14 @@ class Case:
         """Truths of faulty and healthy in another run, the fault from its start on or an onset."""
         spec = self.spec.model_copy(update={"onset": onset})
         return run(spec, axis=self.axis, **changes).truth, sound(self.axis, **changes).truth
+
+    def at_speeds(
+        self, points: str | float, duration: float, offset: float = 0.0, **changes: Any
+    ) -> tuple[Truth, Truth]:
+        """The same at given pump speeds, from an offset on, without a load, in a perfect recording."""
+        duty, loop = Levels(points=points, offset=offset), Control(mode="speed")
+        given = {"load": NoLoad(), "recording": Recording.perfect(), **changes}
+        return self.again(duration=duration, duty=duty, control=loop, **given)
 
     def pressed(self, side: int) -> dict[str, Any]:
         """The load that presses on a chamber."""

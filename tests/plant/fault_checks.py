@@ -29,7 +29,7 @@ from fdd.plant.duty import Levels, Sines, Strokes
 from fdd.plant.faults.spec import FaultScales
 from fdd.plant.load import NoLoad, SpringLoad
 from fdd.plant.oil import viscosity_ratio
-from fdd.plant.scenario import Control, Recording
+from fdd.plant.scenario import Recording
 
 
 def by_laws(pressure: Array) -> Array:
@@ -138,10 +138,7 @@ def case_drain_seal_failure(case: Case) -> None:
 @checked
 def shaft_seal_wear(case: Case) -> None:
     """1 cm³/min at 487 kPa; by the running law a quarter of it at rest, and as much at 100 rad/s."""
-    truth, _ = case.again(
-        duration=3.0, duty=Levels(points="0:0/1.5:100", offset=-0.05), control=Control(mode="speed"),
-        load=NoLoad(), recording=Recording.perfect(),
-    )  # fmt: skip
+    truth, _ = case.at_speeds("0:0/1.5:100", 3.0, -0.05)
     for low, high, drips in ((0.5, 1.4, 0.25), (2.0, 2.9, 1.0)):
         rows = (truth.time > low) & (truth.time < high)
         minutes = np.ptp(truth.time[rows]) / 60.0
@@ -165,9 +162,7 @@ def aeration(case: Case) -> None:
         low, high = ((0.3, 0.9) if law == "ingress" else (0.25, 0.7)) if more else (0.9, 1.1)
         assert low < ratio.min() and ratio.max() < high, (k, ratio.min(), ratio.max())
     keeps_its_oil(truth)
-    quiet: dict[str, Any] = {
-        "details": Details(pump_ripple=0.0, air_law="free"), "recording": Recording.perfect(),
-    }  # fmt: skip
+    quiet = {"details": Details(pump_ripple=0.0, air_law="free"), "recording": Recording.perfect()}
     _comes_in(case, quiet)
     # As the chambers show it: what flows in and is not made room for, over the pressure's rise.
     shaking = Sines(amplitude=0.01, low_hz=3.0, high_hz=8.0, count=4)
@@ -181,39 +176,31 @@ def aeration(case: Case) -> None:
             inflow = sign * (across - area * shaken["velocity"]) - leak + shaken[f"refeed_flow_{k}"]
             # By the polytropic law itself (eqs 5.20 and 5.21): the air at atmospheric pressure.
             absolute, reference = p + 101_325.0, oil.reference_pressure + 101_325.0
-            gas, at_reference = (
-                (101_325.0 / each) ** (1.0 / 1.4) / (1.4 * each) for each in (absolute, reference)
-            )
+            gas, at_reference = ((101_325.0 / a) ** (1.0 / 1.4) / (1.4 * a) for a in (absolute, reference))
             own = oil.air_fraction
             compliance = 1.0 / oil.bulk_modulus - own * at_reference + (own + air[k - 1]) * gas
-            volume = volume + sign * area * shaken["position"]
+            taken = (volume + sign * area * shaken["position"]) * compliance * np.gradient(p, shaken.time)
             # From the second second on: air that comes in beside the oil is there within one.
-            rows = slice(2000, -1)
-            taken = (volume * compliance * np.gradient(p, shaken.time))[rows]
-            assert (taken @ inflow[rows]) / (taken @ taken) == pytest.approx(1.0, abs=0.03), (k, air)
+            taken, inflow = taken[2000:-1], inflow[2000:-1]
+            assert (taken @ inflow) / (taken @ taken) == pytest.approx(1.0, abs=0.03), (k, air)
 
 
 def _comes_in(case: Case, quiet: dict[str, Any]) -> None:
     """Air in place of oil moves no pressure, its volume of oil is lost; beside it, oil has to give way."""
-    law, unit = case.spec.law, case.unit
-    still = {**quiet, "duration": 4.0, "duty": Levels(points=0.0), "load": NoLoad()}
-    truth, sound = case.again(onset=ONSET_AT_REST, **still)
-    at = int(np.searchsorted(truth.time, ONSET_AT_REST))
+    law, unit, onset = case.spec.law, case.unit, 1.0
+    truth, sound = case.again(onset, **quiet, duration=4.0, duty=Levels(points=0.0), load=NoLoad())
+    at = int(np.searchsorted(truth.time, onset))
     moved = max(np.ptp(truth[f"pressure_{k}"][at - 5 : at + 10]) for k in (1, 2))
-    gone = truth["oil_lost"][-1] - sound["oil_lost"][-1]
-    stored = truth["oil_stored"][-1] - sound["oil_stored"][-1]
-    cylinder = unit.cylinder
-    within = sum(getattr(cylinder, f"volume_{k}") for k in (1, 2) if law in ("exchange", f"chamber_{k}"))
-    taken = 0.025 * (101_325.0 / (unit.accumulator.charge_pressure + 101_325.0)) ** (1.0 / 1.4)
+    gone, stored = (truth[name][-1] - sound[name][-1] for name in ("oil_lost", "oil_stored"))
     if law == "ingress":
         assert moved > 50e3 and abs(gone) < 1e-12
         assert stored > 1e-7, "the accumulator takes the oil that gives way"
-    else:
-        assert moved < 2e3
-        assert gone == pytest.approx(taken * within, rel=0.03)
-
-
-ONSET_AT_REST = 1.0
+        return
+    struck = [k for k in (1, 2) if law in ("exchange", f"chamber_{k}")]
+    within = sum(getattr(unit.cylinder, f"volume_{k}") for k in struck)
+    taken = 0.025 * (101_325.0 / (unit.accumulator.charge_pressure + 101_325.0)) ** (1.0 / 1.4)
+    assert moved < 2e3
+    assert gone == pytest.approx(taken * within, rel=0.03)
 
 
 @checked
@@ -228,9 +215,8 @@ def _stays_open(case: Case) -> None:
     rows = held(over > 50e3)
     assert rows.sum() > 100
     # Counted at atmospheric density, under 1 %; so small a drop is turbulent to within 1 %.
-    np.testing.assert_allclose(
-        -truth[f"refeed_flow_{side}"][rows], 1e-4 * np.sqrt(over[rows] / 1e6), rtol=0.015
-    )
+    refed = truth[f"refeed_flow_{side}"]
+    np.testing.assert_allclose(-refed[rows], 1e-4 * np.sqrt(over[rows] / 1e6), rtol=0.015)
     stuck, *sound = (
         over_time(each, np.maximum(-each[f"refeed_flow_{k}"], 0.0), each.time > 0.0)
         for each, k in ((truth, side), (healthy, side), (truth, 3 - side))
@@ -239,10 +225,9 @@ def _stays_open(case: Case) -> None:
     # The chamber keeps only what the pump gives beside the valve's flow.
     sign = 1.0 if side == 1 else -1.0
     inward = sign * (truth["pump_flow"] - truth["cross_flow"]) - 0.5 * truth["drain_flow"]
-    area = case.unit.cylinder.area_1 if side == 1 else case.unit.cylinder.area_2
-    passed = float(np.mean(truth[f"refeed_flow_{side}"]))
+    passed = float(np.mean(refed))
     assert passed < -1e-6
-    moved = sign * area * np.mean(truth["velocity"])
+    moved = sign * getattr(case.unit.cylinder, f"area_{side}") * np.mean(truth["velocity"])
     assert np.mean(inward) + passed == pytest.approx(moved, abs=0.05 * abs(passed))
     keeps_its_oil(truth)
 
@@ -263,13 +248,8 @@ def _sticks(case: Case) -> None:
     for each in (truth, less, healthy):
         over, back = port_pressure(each, side) - each["pressure_accumulator"], -each[f"refeed_flow_{side}"]
         assert (back < -1e-6).sum() > 100, "it is refed while the other chamber is pressed on"
-        found.append(
-            (
-                over_time(each, np.maximum(back, 0.0), each.time > 0.0),
-                over[back > 1e-7].max(initial=0.0),
-                over.max(),
-            )
-        )
+        let_back = over_time(each, np.maximum(back, 0.0), each.time > 0.0)
+        found.append((let_back, over[back > 1e-7].max(initial=0.0), over.max()))
     (much, up_to, _), (some, up_to_less, highest), (usual, _, sound) = found
     assert much > some > 20.0 * usual and up_to < 800e3
     # Pressed by that much it shuts within some ms, and the chamber presses as ever.
@@ -349,10 +329,7 @@ def _held_open(case: Case) -> None:
 @checked
 def relief_valve_stuck_shut(case: Case) -> None:
     """The pump presses the piston into a stiff spring; a sound valve ends it a little above its setting."""
-    truth, healthy = case.again(
-        duration=3.0, duty=Levels(points=200.0), control=Control(mode="speed"),
-        load=SpringLoad(rate=4e5 * case.axis), recording=Recording.perfect(),
-    )  # fmt: skip
+    truth, healthy = case.at_speeds(200.0, 3.0, load=SpringLoad(rate=4e5 * case.axis))
     setting = case.unit.accumulator.relief_pressure
     usual, drop = healthy["port_difference"], truth["port_difference"]
     assert setting < usual[-500:].mean() < 1.2 * setting and healthy["relief_flow"][-500:].min() > 1e-5
@@ -361,8 +338,7 @@ def relief_valve_stuck_shut(case: Case) -> None:
     if case.spec.law == "setting":
         assert drop[passing].min() > 2.8 * setting and drop[-500:].mean() < 3.3 * setting
     else:
-        excess = drop[-500:] - setting
-        sound = case.unit.accumulator.relief_flow_gain * excess
+        sound = case.unit.accumulator.relief_flow_gain * (drop[-500:] - setting)
         assert truth["relief_flow"][-500:].mean() < 0.05 * sound.mean()
     keeps_its_oil(truth)
 

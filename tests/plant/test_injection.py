@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+from fault_case import choices
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -22,11 +22,7 @@ from fdd.unit import Unit
 UNIT = Unit.load("axis_a")
 TIME = np.arange(4000) * 1e-3
 ONSET = 1.5
-CHOICES = [
-    (entry.id, *choice)
-    for entry in (CATALOGUE[name] for name in PLANT_FAULTS)
-    for choice in product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))
-]
+CHOICES = choices(PLANT_FAULTS)
 
 
 def healthy(time: np.ndarray = TIME) -> np.ndarray:
@@ -59,9 +55,8 @@ def test_a_fault_begins_at_its_onset_and_goes_with_its_severity(choice) -> None:
 @pytest.mark.parametrize("machine", [None, 1, 2, 3])
 def test_a_leak_passes_the_same_flow_at_the_leakage_pressure_by_whatever_law(fault, machine) -> None:
     """Of axis A and of machines of other sizes."""
-    scales = {}
-    if machine:
-        scales = Scale(sized_unit(Size(), np.random.default_rng(machine))).fault_scales({})
+    other = machine and Scale(sized_unit(Size(), np.random.default_rng(machine)))
+    scales = other.fault_scales({}) if other else {}
     pressure = FaultScales(**scales).leakage_pressure
     flows = []
     for law in CATALOGUE[fault].laws:
@@ -81,23 +76,17 @@ def test_each_scale_can_be_overridden_and_is_used() -> None:
     standard = {choice: faulty(spec_of(*choice), time=time) for choice in CHOICES}
     # Not in the plant, see test_sensor_faults.
     measured = {f.name for entry in CATALOGUE.values() if entry.in_measurement for f in entry.figures}
-    for field, info in FaultScales.model_fields.items():
-        if field in measured:
-            continue
-        value = {"tight_friction": 3.0, "thick_viscosity": 4.0}.get(field, 0.9 * info.default)
-        changed = [
+    for field in FaultScales.model_fields.keys() - measured:
+        usual = FaultScales.model_fields[field].default
+        value = {"tight_friction": 3.0, "thick_viscosity": 4.0}.get(field, 0.9 * usual)
+        assert any(
             not np.array_equal(faulty(spec_of(*choice), time=time, **{field: value}), rows)
             for choice, rows in standard.items()
-        ]
-        assert any(changed), field
-
-
-# Together, on two axes, and in stretches.
+        ), field
 
 
 @given(
-    st.lists(st.sampled_from(CHOICES), min_size=1, max_size=5, unique_by=lambda choice: choice[0]),
-    st.data(),
+    st.lists(st.sampled_from(CHOICES), min_size=1, max_size=5, unique_by=lambda choice: choice[0]), st.data()
 )
 def test_the_order_in_which_faults_are_given_does_not_matter(chosen, data) -> None:
     specs = [spec_of(*choice, severity=data.draw(st.floats(0.0, 1.0))) for choice in chosen]

@@ -1,13 +1,12 @@
 """Every simulated fault: does nothing at severity 0, and what the catalogue says at severity 1."""
 
-from itertools import product
 from typing import Any
 
 import drive_and_seal_checks  # noqa: F401
 import fault_checks  # noqa: F401
 import numpy as np
 import pytest
-from fault_case import CHECKS, ONSET, UNITS, Case, keeps_its_oil, port_pressure, run, sound
+from fault_case import CHECKS, ONSET, UNITS, Case, choices, keeps_its_oil, port_pressure, run, sound
 
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
@@ -20,11 +19,7 @@ from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 
 UNIT = UNITS[1]
-CHOICES = [
-    (entry.id, *choice)
-    for entry in (CATALOGUE[name] for name in SIMULATED)
-    for choice in product(entry.sides or (None,), entry.variants or (None,), entry.laws or (None,))
-]
+CHOICES = choices(SIMULATED)
 # The second axis takes its faults as the first one does: one way of each tells that they reach it.
 ON_AXIS_2 = {name: (name, *choice) for name, *choice in reversed(CHOICES)}.values()
 RUNS = [*((*c, 1) for c in CHOICES), *(pytest.param(*c, 2, marks=pytest.mark.slow) for c in ON_AXIS_2)]
@@ -43,26 +38,21 @@ def test_severity_one_is_what_the_catalogue_says(name, side, variant, law, axis)
     CHECKS[name](case)
     before = faulty.truth.time < ONSET
     for channel in healthy.samples.channels:
-        a, b = faulty.samples[channel][before], healthy.samples[channel][before]
         # A band limit looks some samples ahead in its noise only, never in the signal.
-        assert np.array_equal(a, b, equal_nan=True), channel
+        np.testing.assert_array_equal(
+            faulty.samples[channel][before], healthy.samples[channel][before], err_msg=channel
+        )
     np.testing.assert_array_equal(faulty.truth.severity[name][case.after], 1.0)
     np.testing.assert_array_equal(faulty.truth.severity[name][before], 0.0)
-    label = faulty.labels[0]
-    assert (label["fault"], label["severity"], label["onset_s"]) == (name, 1.0, ONSET)
-    assert label["family"] == CATALOGUE[name].family
-    assert [label[key] for key in ("side", "variant", "law", "axis")] == [side, variant, law, axis]
+    expected = {"fault": name, "severity": 1.0, "onset_s": ONSET, "family": CATALOGUE[name].family}
+    expected |= {"side": side, "variant": variant, "law": law, "axis": axis}
+    assert {key: faulty.labels[0][key] for key in expected} == expected
 
 
 # Little charge and a case that drains what a clogged valve does not bring back.
-EMPTY = UNIT.model_copy(
-    update={
-        "accumulator": UNIT.accumulator.model_copy(
-            update={"charge_pressure": 20e3, "case_cracking_pressure": 1e3}
-        ),
-        "pump": UNIT.pump.model_copy(update={"case_leakage": 1.5 * UNIT.pump.total_leakage}),
-    }
-)
+STORE = UNIT.accumulator.model_copy(update={"charge_pressure": 20e3, "case_cracking_pressure": 1e3})
+DRAINING = UNIT.pump.model_copy(update={"case_leakage": 1.5 * UNIT.pump.total_leakage})
+EMPTY = UNIT.model_copy(update={"accumulator": STORE, "pump": DRAINING})
 STARVING: dict[str, Any] = {
     "duration": 6.0, "duty": Strokes(rate=0.1), "recording": Recording.perfect(), "charge_factor": 0.7,
     "ambient": 50e3,
@@ -109,9 +99,6 @@ def test_wet_oil_boils_at_a_higher_pressure():
     assert 0.3e3 < low[0] < 2e3 and 7.4e3 < low[1] < 20e3
 
 
-# Faults that come and go.
-
-
 @pytest.mark.parametrize("profile", ["load", "heat"])
 def test_a_fault_comes_with_the_load_or_as_the_oil_warms(profile):
     """A leak in proportion to the load, whole from half the relief setting on; or whole 2 K warmer."""
@@ -132,20 +119,16 @@ def test_a_fault_comes_with_the_load_or_as_the_oil_warms(profile):
     np.testing.assert_allclose(truth["cross_flow"][rows], expected[rows], rtol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("law", "profile"),
-    [*zip(CATALOGUE["aeration"].laws, ("random", "load", "intermittent", "exponential"), strict=True)],
-)
+COMING = [*zip(CATALOGUE["aeration"].laws, ("random", "load", "intermittent", "exponential"), strict=True)]
+
+
+@pytest.mark.parametrize(("law", "profile"), COMING)
 def test_air_that_comes_and_goes_makes_no_oil(law, profile):
-    spec = FaultSpec(
-        fault="aeration", severity=1.0, law=law, onset=1.0, profile=profile, period=0.7, ramp=2.0, seed=4
-    )
+    times = {"onset": 1.0, "period": 0.7, "ramp": 2.0}
+    spec = FaultSpec(fault="aeration", severity=1.0, law=law, profile=profile, seed=4, **times)
     truth = run(spec, load=SpringLoad(rate=3e4)).truth
     assert np.ptp(truth.severity["aeration"]) > 0.3
     keeps_its_oil(truth)
-
-
-# Profiles in time.
 
 
 def test_profiles_by_hand():
@@ -156,9 +139,8 @@ def test_profiles_by_hand():
 
     np.testing.assert_allclose(over(), [0, 0, 0.8, 0.8, 0.8, 0.8, 0.8, 0.8])
     np.testing.assert_allclose(over(profile="ramp", ramp=4.0), [0, 0, 0, 0.2, 0.4, 0.78, 0.8, 0.8])
-    np.testing.assert_allclose(
-        over(profile="intermittent", period=4.0, duty=0.25), [0, 0, 0.8, 0, 0, 0, 0.8, 0]
-    )
+    pulses = over(profile="intermittent", period=4.0, duty=0.25)
+    np.testing.assert_allclose(pulses, [0, 0, 0.8, 0, 0, 0, 0.8, 0])
     # Of those that go with the plant's state the most.
     assert np.array_equal(over(profile="load"), over()) and np.array_equal(over(profile="heat"), over())
     growth = np.expm1(3.0 * np.array([0.25, 0.5, 0.975])) / np.expm1(3.0)
@@ -169,21 +151,17 @@ def test_profiles_by_hand():
 def test_a_random_fault_is_on_for_its_share_and_comes_at_times_without_memory(duty):
     time = np.arange(0.0, 3600.0, 0.01)
     spec = FaultSpec(fault="aeration", severity=0.6, profile="random", period=2.0, duty=duty, seed=3)
-    on = spec.over(time) > 0.0
-    assert set(np.unique(spec.over(time))) == {0.0, 0.6}
+    severity = spec.over(time)
+    on = severity > 0.0
+    assert set(np.unique(severity)) == {0.0, 0.6}
     assert on[0] and np.mean(on) == pytest.approx(duty, abs=0.03)
-    comes = time[1:][np.diff(on.astype(int)) > 0]
+    comes, goes = (time[1:][np.diff(on.astype(int)) == step] for step in (1, -1))
     assert np.mean(np.diff(comes)) == pytest.approx(2.0, rel=0.06)
-    goes = time[1:][np.diff(on.astype(int)) < 0][1:]
-    lasted = goes[: comes.size] - comes[: goes.size]
+    lasted = goes[1:][: comes.size] - comes[: goes.size - 1]
     # Exponentially distributed: deviation as large as the mean.
     assert np.std(lasted) / np.mean(lasted) == pytest.approx(1.0, abs=0.1)
-    other = spec.model_copy(update={"seed": 4}).over(time)
-    assert not np.array_equal(other, spec.over(time))
+    assert not np.array_equal(spec.model_copy(update={"seed": 4}).over(time), severity)
     assert np.mean(spec.model_copy(update={"duty": 0.9}).over(time) > 0.0) == pytest.approx(0.9, abs=0.03)
-
-
-# What a user may write.
 
 
 def test_the_command_lines_fault_is_read_whole():
@@ -213,5 +191,4 @@ def test_the_command_lines_fault_is_read_whole():
 def test_wrong_faults_are_told_in_one_line(text, told):
     with pytest.raises(InputError) as caught:
         parse_fault(text)
-    line = str(caught.value)
-    assert told in line and "\n" not in line and text in line
+    assert told in str(caught.value) and "\n" not in str(caught.value) and text in str(caught.value)

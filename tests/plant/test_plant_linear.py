@@ -15,6 +15,8 @@ from fdd.plant.simulate import simulate
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
+ABOVE = 60e3
+"""Pa above the accumulator, so that case leakage drains and no check valve refeeds."""
 PLAIN = {"pump_ripple": 0.0, "air_law": "free"}
 """Of what eq. 5.22 has not: flow pulses, and air that goes into solution as the pressure rises."""
 NUDGE = {s.X: 1e-7, s.V: 1e-6, s.DROP: 1.0}
@@ -33,14 +35,8 @@ class AtRest:
     """A plant at rest whose friction is viscous alone, and its slopes there."""
 
     def __init__(self, ready: Prepared, viscous: float, above: float, **changes: Any) -> None:
-        plain: dict[str, Any] = {
-            "bristle_stiffness": 0.0,
-            "bristle_damping": 0.0,
-            "seal_damping": 0.0,
-            "viscous_forward": viscous,
-            "viscous_reverse": viscous,
-            **changes,
-        }
+        plain = dict.fromkeys(("bristle_stiffness", "bristle_damping", "seal_damping"), 0.0)
+        plain |= {"viscous_forward": viscous, "viscous_reverse": viscous, **changes}
         self.parameters = [par.copy() for par in ready.parameters]
         for par in self.parameters:
             for name, value in plain.items():
@@ -69,22 +65,24 @@ class AtRest:
         return np.column_stack([self.slope(states, by) for by in states])
 
 
+def _stiffness(unit: Unit) -> float:
+    """β/V_o."""
+    beta = float(bulk_modulus(unit.oil, unit.accumulator.charge_pressure + ABOVE))
+    return beta / (0.5 * unit.cylinder.volume_1)
+
+
 @pytest.mark.parametrize("name", ["axis_a", "axis_b"])
 @pytest.mark.parametrize("viscous", [0.0, 760.0])
 def test_linearised_it_is_equation_5_22(name, viscous):
     """With viscous friction alone the Jacobian has eq. 5.22's poles and gain."""
     unit = Unit.load(name)
-    # Somewhat above the accumulator, so that case leakage drains and no check valve refeeds.
-    above = 60e3
-    rest = AtRest(prepare(unit, Scenario(duration=0.01, details=PLAIN)), viscous, above)
+    rest = AtRest(prepare(unit, Scenario(duration=0.01, details=PLAIN)), viscous, ABOVE)
     hydraulic = [s.V, own(s.P1), own(s.P2)]
     jacobian = rest.jacobian(hydraulic)
     area, mass, leakage = unit.cylinder.area_1, unit.cylinder.moving_mass, unit.pump.total_leakage
-    beta = float(bulk_modulus(unit.oil, unit.accumulator.charge_pressure + above))
-    stiffness = beta / (0.5 * unit.cylinder.volume_1)  # β/V_o
-    expected = np.roots(
-        [1.0, viscous / mass + leakage * stiffness, (area**2 + viscous * leakage) * stiffness / mass]
-    )
+    stiffness = _stiffness(unit)
+    damping, spring = viscous / mass + leakage * stiffness, (area**2 + viscous * leakage) * stiffness / mass
+    expected = np.roots([1.0, damping, spring])
     poles = np.linalg.eigvals(jacobian)
     pair = poles[np.argsort(np.abs(poles))[1:]]  # the third is the slow common pressure
     np.testing.assert_allclose(np.sort_complex(pair), np.sort_complex(expected), rtol=1e-4)
@@ -96,15 +94,12 @@ def test_two_axes_linearised_are_both_springs_on_one_mass():
     """Axis A and B on one rod: s² + (2·A²β/V_o)/(M_A + M_B) without friction and leakage's small part."""
     units = [Unit.load("axis_a"), Unit.load("axis_b")]
     scenario = Scenario(duration=0.01, partner={}, details=PLAIN)
-    rest = AtRest(prepare(units[0], scenario, partner=units[1]), 0.0, 60e3)
+    rest = AtRest(prepare(units[0], scenario, partner=units[1]), 0.0, ABOVE)
     states = [s.V, *(own(p, axis) for axis in range(2) for p in (s.P1, s.P2))]
     poles = np.linalg.eigvals(rest.jacobian(states))
-    spring = damping = 0.0
-    for unit in units:
-        beta = float(bulk_modulus(unit.oil, unit.accumulator.charge_pressure + 60e3))
-        per_axis = unit.cylinder.area_1**2 * beta / (0.5 * unit.cylinder.volume_1)
-        spring += per_axis
-        damping += per_axis * unit.pump.total_leakage * beta / (0.5 * unit.cylinder.volume_1)
+    springs = [unit.cylinder.area_1**2 * _stiffness(unit) for unit in units]
+    spring = sum(springs)
+    damping = sum(k * u.pump.total_leakage * _stiffness(u) for k, u in zip(springs, units, strict=True))
     mass = sum(unit.cylinder.moving_mass for unit in units)
     pair = poles[np.abs(poles.imag) > 1.0]
     assert pair.size == 2
@@ -118,28 +113,24 @@ def test_external_accumulators_lower_the_resonance():
     unit = Unit.load("axis_a")
     scenario = Scenario(duration=0.01, circuit={"accumulators": {"gas_charge": 4e5}})
     ready = prepare(unit, scenario)
-    pressure = unit.accumulator.charge_pressure + 60e3
+    pressure = unit.accumulator.charge_pressure + ABOVE
     hydraulic = [s.V, own(s.P1), own(s.P2), own(s.EXTERNAL_1), own(s.EXTERNAL_2)]
     charged, absolute = 4e5 + ready.parameters[0].ambient, pressure + ready.parameters[0].ambient
 
     def resonance(valve_flow: float) -> float:
-        rest = AtRest(ready, 0.0, 60e3, external_flow=valve_flow)
+        rest = AtRest(ready, 0.0, ABOVE, external_flow=valve_flow)
         for external in (s.EXTERNAL_1, s.EXTERNAL_2):
             rest.y[own(external)] = 13e-6 * (1.0 - charged / absolute)
         poles = np.linalg.eigvals(rest.jacobian(hydraulic))
-        return float(
-            np.abs(poles).max() if valve_flow < 1e-6 else np.abs(poles[np.abs(poles.imag) > 1.0]).max()
-        )
+        return float(np.abs(poles if valve_flow < 1e-6 else poles[np.abs(poles.imag) > 1.0]).max())
 
     oil = unit.cylinder.volume_1 / float(bulk_modulus(unit.oil, pressure))
     gas = 13e-6 * charged / absolute**2  # isothermal, dV/dp
-    expected = [
-        np.sqrt(2.0 * unit.cylinder.area_1**2 / (compliance * unit.cylinder.moving_mass))
-        for compliance in (oil, oil + gas)
-    ]
-    assert resonance(1e-9) == pytest.approx(expected[0], rel=1e-3)
-    assert resonance(1.0) == pytest.approx(expected[1], rel=1e-2)
-    assert expected[1] < 0.75 * expected[0]
+    per_compliance = 2.0 * unit.cylinder.area_1**2 / unit.cylinder.moving_mass
+    shut, opened = (np.sqrt(per_compliance / compliance) for compliance in (oil, oil + gas))
+    assert resonance(1e-9) == pytest.approx(shut, rel=1e-3)
+    assert resonance(1.0) == pytest.approx(opened, rel=1e-2)
+    assert opened < 0.75 * shut
 
 
 def _unloaded() -> Unit:
@@ -160,14 +151,10 @@ def test_the_drives_step_follows_its_command_by_its_delay():
     unit = _unloaded()
     duty = {"name": "prbs", "bit": 1.0, "speed": 100.0, "lead_in": 0.1}
     details = {"pump_coulomb_torque": 0.0, "command_dead_band": 0.0, "cogging_torque": 0.0}
-    scenario = Scenario(
-        duration=0.3, duty=duty, control=Control(mode="speed"), details=details, recording={"dropped": 0.0}
-    )
-    truth = simulate(unit, scenario).truth
-    speed = truth["pump_speed"]
-    since = truth.time - 0.1 - unit.drive.delay
-    poles = np.array(_drive_poles(unit))
-    zero = unit.drive.zero
+    run = {"duration": 0.3, "control": Control(mode="speed"), "recording": {"dropped": 0.0}}
+    truth = simulate(unit, Scenario(**run, duty=duty, details=details)).truth
+    speed, since = truth["pump_speed"], truth.time - 0.1 - unit.drive.delay
+    poles, zero = np.array(_drive_poles(unit)), unit.drive.zero
     step = np.ones_like(since)
     for p in poles:
         others = poles[poles != p]
@@ -184,8 +171,7 @@ def test_the_drives_step_follows_its_command_by_its_delay():
 def test_a_dead_band_and_its_edges():
     """Table 6.1: a command within the dead band turns nothing, one beyond it turns by what is beyond."""
     unit = _unloaded()
+    rest = AtRest(prepare(unit, Scenario(duration=0.01)), 0.0, 0.0)
     for command, expected in ((0.03, 0.0), (-0.03, 0.0), (1.0346, 1.0), (-1.0346, -1.0)):
-        rest = AtRest(prepare(unit, Scenario(duration=0.01)), 0.0, 0.0)
         entry = rest.rates(rest.y, command)[own(s.DRIVE)]
-        a, b, third = _drive_poles(unit)
-        assert entry == pytest.approx(a * b * third * 4e-4 * expected, rel=1e-9, abs=1e-6)
+        assert entry == pytest.approx(np.prod(_drive_poles(unit)) * 4e-4 * expected, rel=1e-9, abs=1e-6)

@@ -47,11 +47,7 @@ def test_a_jump_takes_its_second_value_from_that_time_on() -> None:
 def test_a_wrong_programme_is_told_in_one_line_with_its_field(given, told) -> None:
     with pytest.raises(InputError) as caught:
         Circuit(bypass=given)
-    line = str(caught.value)
-    assert told in line and "bypass" in line and "\n" not in line
-
-
-# The filter of eq. 7.5.
+    assert told in str(caught.value) and "bypass" in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_the_chatter_filter_is_the_one_that_the_thesis_prints() -> None:

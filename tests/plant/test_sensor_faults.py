@@ -12,7 +12,7 @@ import pytest
 from fdd.faults import CATALOGUE
 from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.plant.sensors import Recorder, Recording, Rows, position_offset
-from fdd.plant.sensors.faults import DROPOUTS, PLAY, SensorFault, sensor_fault
+from fdd.plant.sensors.faults import DROPOUTS, PLAY, sensor_fault
 from fdd.plant.sensors.recorder import KNOWN, MEASURED
 from fdd.sensor import Sensor
 from fdd.unit import Unit
@@ -35,42 +35,36 @@ def spec(name: str, way: dict[str, str], severity: float = 1.0, **more: Any) -> 
     return FaultSpec(fault=name, severity=severity, **way, **more)
 
 
-def kind(asked: FaultSpec, seed: int = 3, **scales: float) -> SensorFault:
-    """The fault alone, on a sensor that errs by nothing else."""
+def shown(
+    asked: FaultSpec, truth: np.ndarray, time: np.ndarray, seed: int = 3, **scales: float
+) -> np.ndarray:
+    """What a sensor with the fault alone shows, which errs by nothing else."""
     made = sensor_fault(asked)
     assert made is not None
-    return made(asked, Sensor(), seed, scales=FaultScales(**scales))
-
-
-def shown(fault: SensorFault, truth: np.ndarray, time: np.ndarray) -> np.ndarray:
+    fault = made(asked, Sensor(), seed, scales=FaultScales(**scales))
     return fault.replace(fault.distort(truth.copy(), truth, time, 0), time)
 
 
-def in_blocks(
-    recorder: Recorder, truth: dict[str, np.ndarray], time: np.ndarray, edges: Iterable[int]
-) -> Rows:
-    """All rows measured between the edges, joined."""
-    blocks = [
-        recorder.measure({c: v[i:j] for c, v in truth.items()}, time[i:j])
-        for i, j in pairwise([0, *sorted(edges), time.size])
-    ]
-    assert recorder.row == time.size
-    return Rows(
-        np.concatenate([b.time for b in blocks]),
-        {c: np.concatenate([b.columns[c] for b in blocks]) for c in blocks[0].columns},
-        np.concatenate([b.kept for b in blocks]),
-    )
+def drops(variant: str, severity: float) -> FaultSpec:
+    return spec("sensor_dropout", {"variant": variant}, severity)
 
 
 def recorded(
     faults: Sequence[FaultSpec], recording: Recording, edges: Iterable[int] = (), unit: Unit = UNIT
 ) -> Rows:
-    """N rows of waves beyond the relief pressure, measured between the edges."""
+    """N rows of waves beyond the relief pressure, measured between the edges and joined."""
     time = np.arange(N) * recording.period
     wave = np.sin(2.0 * np.pi * 1.3 * time)
     truth = dict.fromkeys(MEASURED, 4e6 * wave) | {"pump_angle": 30.0 * wave, "position": 0.01 * wave}
     truth |= {"oil_temperature": 40.0 + time} | dict.fromkeys(KNOWN, 10.0 * wave)
-    return in_blocks(Recorder(unit, list(faults), recording, seed=11), truth, time, edges)
+    recorder = Recorder(unit, list(faults), recording, seed=11)
+    blocks = [
+        recorder.measure({c: v[i:j] for c, v in truth.items()}, time[i:j])
+        for i, j in pairwise([0, *sorted(edges), N])
+    ]
+    assert recorder.row == N
+    joined = {c: np.concatenate([b.columns[c] for b in blocks]) for c in blocks[0].columns}
+    return Rows(np.concatenate([b.time for b in blocks]), joined, np.concatenate([b.kept for b in blocks]))
 
 
 def changed(one: Rows, other: Rows) -> set[str]:
@@ -84,9 +78,6 @@ BUSY = UNIT.model_copy(deep=True)
 BUSY.sensors["pressure_1"] = Sensor(noise=3e3, bandwidth_hz=20.0, resolution=200.0, gain=1.01, zero=5e3)
 BUSY.sensors["oil_temperature"] = Sensor(noise=0.1, bandwidth_hz=0.5)
 BUSY.sensors["pump_speed"] = Sensor(noise=0.2, resolution=0.05, tones=[(50.0, 0.1)])
-
-
-# Whatever the law: blocks, rates, channels, profiles.
 
 
 @pytest.mark.parametrize(("name", "way"), WAYS, ids=IDS)
@@ -114,10 +105,9 @@ def test_any_blocks_give_the_same_bits(name, way) -> None:
     asked = spec(name, way, 0.7, onset=0.2, profile=profile, ramp=1.0, period=0.3)
     cuts = np.random.default_rng(1).integers(0, N, 40).tolist()
     # An encoder slips from one millisecond to the next, so blocks of its log are whole ones.
+    lossy = {"nan_bursts_per_minute": 60.0, "dropped": 0.05, "late": 0.05, "jitter": 5e-6}
     for rate in (1000,) if name == "position_sensor_slip" else (1000, 2000):
-        recording = Recording(
-            rate=rate, nan_bursts_per_minute=60.0, dropped=0.05, late=0.05, jitter=5e-6, load_force=True
-        )
+        recording = Recording(rate=rate, load_force=True, **lossy)
         whole = recorded([asked], recording, unit=BUSY)
         assert changed(recorded([asked], recording, cuts, BUSY), whole) == set()
     assert changed(recorded([asked], recording, range(900, 1100), BUSY), whole) == set()
@@ -128,32 +118,26 @@ def test_any_blocks_give_the_same_bits(name, way) -> None:
 def test_a_users_figure_counts_instead_of_the_catalogues(name, way) -> None:
     """Doubled it does what severity 1 does with the usual one, at severity 0.5; a limit does not."""
     truth, time = 4e6 * np.sin(np.arange(N) * 1e-2), np.arange(N) * 1e-3
-    figures = {f.name: f.value for f in CATALOGUE[name].figures}
-    usual = shown(kind(spec(name, way)), truth, time)
-    doubled = []
-    for figure, value in figures.items():
-        asked = spec(name, way, 0.5)
-        if not np.array_equal(
-            shown(kind(asked, **{figure: 2.0 * value}), truth, time), shown(kind(asked), truth, time)
-        ):
-            doubled.append(figure)
+    half = shown(spec(name, way, 0.5), truth, time)
+    by_figure = (
+        shown(spec(name, way, 0.5), truth, time, **{figure.name: 2.0 * figure.value})
+        for figure in CATALOGUE[name].figures
+    )
+    doubled = [values for values in by_figure if not np.array_equal(values, half)]
     assert len(doubled) == 1, "each way has one figure"
     if way.get("variant") != "clipped":
-        np.testing.assert_allclose(
-            shown(kind(spec(name, way, 0.5), **{doubled[0]: 2.0 * figures[doubled[0]]}), truth, time), usual
-        )
-
-
-# Each law by itself.
+        np.testing.assert_allclose(doubled[0], shown(spec(name, way), truth, time))
 
 
 @pytest.mark.parametrize("severity", [0.3, 1.0])
 def test_a_gain_errs_by_the_bias_at_the_relief_pressure(severity) -> None:
     relief = UNIT.accumulator.relief_pressure
     truth, time = np.linspace(-relief, relief, 2001), np.arange(2001) * 1e-3
-    error = shown(kind(spec("pressure_sensor_bias", {"law": "gain"}, severity)), truth, time) - truth
+    error, bias = (
+        shown(spec("pressure_sensor_bias", {"law": law}, severity), truth, time) - truth
+        for law in ("gain", "zero")
+    )
     np.testing.assert_allclose(np.polyfit(truth, error, 1)[1], 0.0, atol=1e-3)
-    bias = shown(kind(spec("pressure_sensor_bias", {"law": "zero"}, severity)), truth, time) - truth
     assert error[-1] == pytest.approx(bias[-1], rel=0.01) == pytest.approx(-error[0], rel=0.01)
     assert error[-1] == pytest.approx(250e3 * severity, rel=0.01)
 
@@ -163,19 +147,18 @@ def test_hysteresis_makes_a_loop_of_its_width(severity) -> None:
     """Of a play of ±h under a swing of ±A: the loop is a parallelogram, 2h wide and 2(A - h) high."""
     swing, half, time = 1e6, 250e3 * severity, np.arange(3000) * 1e-3
     truth = swing * np.sin(2.0 * np.pi * time)
-    values = shown(kind(spec("pressure_sensor_bias", {"law": "hysteresis"}, severity)), truth, time)
+    values = shown(spec("pressure_sensor_bias", {"law": "hysteresis"}, severity), truth, time)
     error, last = values - truth, slice(1999, 3000)
     area = np.trapezoid(values[last], truth[last])
     assert abs(area) == pytest.approx(4.0 * half * (swing - half), rel=0.01)
     assert np.abs(error).max() == pytest.approx(half, rel=1e-9)
     assert np.ptp(values[last]) == pytest.approx(2.0 * (swing - half), rel=1e-4)
-    at_zero = error[[2000, 2500]]
-    np.testing.assert_allclose(at_zero, [-half, half], err_msg="too little as it rises, too much as it falls")
+    np.testing.assert_allclose(error[[2000, 2500]], [-half, half], err_msg="too little rising, else too much")
 
 
 def drifted(law: str, severity: float, time: np.ndarray, seed: int = 3, **more: Any) -> np.ndarray:
     asked = spec("pressure_sensor_drift", {"law": law}, severity, **more)
-    return shown(kind(asked, seed), np.zeros(time.size), time)
+    return shown(asked, np.zeros(time.size), time, seed)
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -183,14 +166,13 @@ def drifted(law: str, severity: float, time: np.ndarray, seed: int = 3, **more: 
 def test_drifts_meet_after_fifty_seconds(severity, rate) -> None:
     time = np.arange(int(51.0 * rate)) / rate
     root, settling, line = (drifted(law, severity, time) / severity for law in ("root", "settling", "line"))
-    after = {t: int(t * rate) for t in (1.0, 12.5, 25.0, 50.0)}
-    assert line[after[50.0]] == pytest.approx(250e3, rel=1e-3) == pytest.approx(root[after[50.0]], rel=1e-3)
-    assert root[after[1.0]] == pytest.approx(35e3, rel=0.02)
-    assert root[after[12.5]] == pytest.approx(125e3, rel=1e-3), "half in a quarter of the time"
-    assert settling[after[50.0]] == pytest.approx(0.95 * 250e3, rel=1e-3)
+    after_1, after_12, after_25, after_50 = (int(t * rate) for t in (1.0, 12.5, 25.0, 50.0))
+    assert line[after_50] == pytest.approx(250e3, rel=1e-3) == pytest.approx(root[after_50], rel=1e-3)
+    assert root[after_1] == pytest.approx(35e3, rel=0.02)
+    assert root[after_12] == pytest.approx(125e3, rel=1e-3), "half in a quarter of the time"
+    assert settling[after_50] == pytest.approx(0.95 * 250e3, rel=1e-3)
     # A first-order lag's step: how fast it goes falls in proportion to what is left.
-    rates = np.gradient(settling, time)
-    constant = (250e3 - settling[[after[1.0], after[25.0]]]) / rates[[after[1.0], after[25.0]]]
+    constant = ((250e3 - settling) / np.gradient(settling, time))[[after_1, after_25]]
     np.testing.assert_allclose(constant, 16.7, rtol=0.01)
 
 
@@ -200,10 +182,8 @@ def test_a_walks_rms_reaches_the_line_after_fifty_seconds() -> None:
     # The standard error of a deviation from 600 is 3 %.
     for after, expected in ((1250, 125e3), (5000, 250e3)):
         assert np.sqrt(np.mean(walks[:, after] ** 2)) == pytest.approx(expected, rel=0.1)
-    steps = np.diff(walks[:, ::500])
-    assert np.abs(np.corrcoef(steps.T) - np.eye(steps.shape[1])).max() < 0.2, (
-        "steps know nothing of each other"
-    )
+    steps = np.diff(walks[:, ::500]).T
+    assert np.abs(np.corrcoef(steps) - np.eye(len(steps))).max() < 0.2, "steps know nothing of each other"
     # Sampled four times as often it is as wide.
     often = [drifted("walk", 1.0, np.arange(5001) * 2.5e-3, seed)[-1] for seed in range(600)]
     assert np.std(often) == pytest.approx(125e3, rel=0.1)
@@ -222,10 +202,8 @@ def test_a_drift_that_is_interrupted_goes_on_where_it_was(law) -> None:
 @pytest.mark.parametrize("severity", [0.2, 1.0])
 def test_noise_is_white_and_five_per_cent_of_the_range(severity, rate) -> None:
     recording = Recording.perfect().model_copy(update={"rate": rate})
-    sound, faulty = (
-        recorded(f, recording).samples()["pressure_difference"]
-        for f in ([], [spec("sensor_dropout", {"variant": "noisy"}, severity)])
-    )
+    logs = (recorded(faults, recording).samples() for faults in ([], [drops("noisy", severity)]))
+    sound, faulty = (log["pressure_difference"] for log in logs)
     noise = faulty - sound
     loop = UNIT.sensor("pressure_difference").loop
     assert loop is not None
@@ -239,24 +217,19 @@ def test_a_sticking_reading_climbs_a_slope_in_steps_of_its_band(severity) -> Non
     band, time = 250e3 * severity, np.arange(4000) * 1e-3
     truth = 1.0 + 0.999e6 * time  # a little less than 1 kPa a row, so that no step is just the band
     step = (band / 1e3 + 1.0) * 999.0
-    values = shown(kind(spec("sensor_dropout", {"variant": "sticking"}, severity)), truth, time)
+    values = shown(drops("sticking", severity), truth, time)
     steps = np.diff(values)
     np.testing.assert_allclose(steps[steps != 0.0], step)
     assert np.count_nonzero(steps) == int(truth[-1] // step) > 5
     assert values[0] == truth[0] and (truth - values).min() == 0.0 and (truth - values).max() <= band
     # Swings within the band do not show at all.
-    still = shown(
-        kind(spec("sensor_dropout", {"variant": "sticking"}, severity)),
-        0.99 * band * np.sin(9.0 * time),
-        time,
-    )
-    assert not still.any()
+    assert not shown(drops("sticking", severity), 0.99 * band * np.sin(9.0 * time), time).any()
 
 
 @pytest.mark.parametrize(("severity", "limit"), [(0.25, 2.58e6), (0.5, 1.72e6), (1.0, 0.0)])
 def test_a_saturated_reading_ends_at_its_limit_and_is_right_below(severity, limit) -> None:
     truth, time = np.linspace(-4e6, 4e6, 801), np.arange(801) * 1e-3
-    values = shown(kind(spec("sensor_dropout", {"variant": "clipped"}, severity)), truth, time)
+    values = shown(drops("clipped", severity), truth, time)
     assert values.max() == pytest.approx(limit, abs=1.0)
     np.testing.assert_array_equal(values[truth < limit - 1.0], truth[truth < limit - 1.0])
     assert UNIT.accumulator.relief_pressure * (1.0 - severity) == pytest.approx(limit, rel=0.01)
@@ -266,7 +239,7 @@ def test_a_saturated_reading_ends_at_its_limit_and_is_right_below(severity, limi
 @pytest.mark.parametrize("severity", [0.25, 1.0])
 def test_late_samples_age_and_catch_up(severity, rate) -> None:
     time = np.arange(60 * rate) / rate
-    age = time - shown(kind(spec("sensor_dropout", {"variant": "late"}, severity)), time, time)
+    age = time - shown(drops("late", severity), time, time)
     longest = 20e-3 * severity
     assert age.min() == 0.0 and longest - 1.001 / rate < age.max() < longest
     # It is held, or it has caught up: nothing between.
@@ -288,8 +261,7 @@ def measured(n: int, asked: FaultSpec) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("severity", [0.05, 0.3, 0.7, 1.0])
 def test_a_dropout_takes_the_share_of_time_that_its_severity_says(severity: float) -> None:
-    asked = spec("sensor_dropout", {"variant": "missing"}, severity)
-    lost = np.isnan(measured(600_000, asked)["pressure_difference"])
+    lost = np.isnan(measured(600_000, drops("missing", severity))["pressure_difference"])
     # 0.1 s of memory: 3000 independent pieces, so the share is known to ±2.7 % of a unit (3 deviations).
     assert lost.mean() == pytest.approx(severity, abs=0.03)
     if severity < 1.0:

@@ -20,10 +20,6 @@ def _measure(sensor: Sensor, truth: np.ndarray, angle: np.ndarray | None = None)
     return ChannelSensor(sensor, np.random.default_rng(1)).observe(truth, TIME[: truth.size], angle)
 
 
-def _digitised(sensor: Sensor, values: np.ndarray) -> np.ndarray:
-    return range_of(sensor).digitise(values)
-
-
 @pytest.mark.parametrize("bandwidth", [None, 150.0])
 def test_noise_has_the_deviation_asked_for_within_its_band(bandwidth):
     sensor = Sensor(noise=7e3, bandwidth_hz=bandwidth)
@@ -50,12 +46,11 @@ def test_the_signal_lags_by_one_time_constant():
 
 
 def test_tones_ride_on_the_signal():
-    measured = _measure(
-        Sensor(tones=[(355.0, 1500.0), (410.0, 900.0)], bandwidth_hz=150.0), np.zeros(TIME.size)
-    )
+    tones = [(355.0, 1500.0), (410.0, 900.0)]
+    measured = _measure(Sensor(tones=tones, bandwidth_hz=150.0), np.zeros(TIME.size))
     spectrum = 2.0 * np.abs(np.fft.rfft(measured)) / measured.size
     frequency = np.fft.rfftfreq(measured.size, 1e-3)
-    for tone, amplitude in ((355.0, 1500.0), (410.0, 900.0)):
+    for tone, amplitude in tones:
         assert spectrum[np.argmin(np.abs(frequency - tone))] == pytest.approx(amplitude, rel=1e-3)
 
 
@@ -66,7 +61,7 @@ def test_the_differentiated_encoder_peaks_near_165_hz_at_three_volts():
     truth, angle = 34e-6 * np.arange(16_384) + 0.31e-6, 94.24e-3 * np.arange(16_384)
     # As uneven as friction makes it: enough to blur the rounding into noise.
     truth = truth + np.cumsum(np.random.default_rng(3).normal(0.0, 0.3e-6, truth.size))
-    shown = _digitised(encoder, _measure(encoder, truth, angle))
+    shown = range_of(encoder).digitise(_measure(encoder, truth, angle))
     frequency, power = welch(np.diff(shown) / 1e-3, 1000.0, nperseg=2048)
     band = (frequency > 100.0) & (frequency < 450.0)
     assert frequency[band][np.argmax(power[band])] == pytest.approx(165.0, abs=1.0)
@@ -90,14 +85,14 @@ def test_the_current_loop_is_the_theses():
 
 def test_the_converter_rounds_to_codes_and_ends_at_its_range():
     pressure = np.linspace(-9e6, 9e6, 20_001)
-    codes = (_digitised(Sensor(loop=LOOP), pressure) + LOOP.offset) / LOOP.resolution
+    shown = range_of(Sensor(loop=LOOP)).digitise(pressure)
+    codes = (shown + LOOP.offset) / LOOP.resolution
     np.testing.assert_allclose(codes, np.rint(codes), atol=1e-6)
     # From no current at all to the highest code of +10 V.
     assert (codes.min(), codes.max()) == pytest.approx((0.0, 32767.0))
     inside = (pressure > 0.0) & (pressure < 6.895e6)
-    shown = _digitised(Sensor(loop=LOOP), pressure)
     assert np.abs(shown - pressure)[inside].max() <= 0.5001 * LOOP.resolution
-    turned = _digitised(Sensor(loop=LOOP.model_copy(update={"reversible": True})), pressure)
+    turned = range_of(Sensor(loop=LOOP.model_copy(update={"reversible": True}))).digitise(pressure)
     assert turned.min() == pytest.approx(-turned.max(), abs=LOOP.resolution)
     assert np.abs(turned - pressure)[np.abs(pressure) < 6.895e6].max() <= 0.5001 * LOOP.resolution
 
@@ -111,14 +106,12 @@ def test_the_pump_speed_is_the_count_difference_over_a_nominal_millisecond():
     late = np.flatnonzero(np.diff(samples.time) > 1.3e-3) + 1
     fast = late[np.abs(samples["command"][late - 5]) > 100.0]
     assert fast.size > 3
-    ratio = samples["pump_speed"][fast] / samples["pump_speed"][fast - 3]
-    assert np.median(ratio) > 1.2
+    assert np.median(samples["pump_speed"][fast] / samples["pump_speed"][fast - 3]) > 1.2
 
 
 def test_recordings_lose_what_they_are_told_to():
     recording = Recording(dropped=0.02, late=0.03, latest=0.5e-3, nan_bursts_per_minute=30.0)
-    scenario = Scenario(duration=20.0, recording=recording, seed=3)
-    out = simulate(UNIT, scenario)
+    out = simulate(UNIT, Scenario(duration=20.0, recording=recording, seed=3))
     assert len(out.samples) == pytest.approx(20_000 * 0.98, rel=0.005)
     assert out.samples.time[0] == 0.0 and np.all(np.diff(out.samples.time) > 0.0)
     lateness = out.samples.time * 1e3 - np.floor(out.samples.time * 1e3 + 1e-6)
@@ -157,9 +150,8 @@ def test_stamps_jitter_while_the_rows_are_taken_on_time():
 
 
 def test_a_late_row_shows_the_plant_at_its_own_stamp():
-    on_time = Recording.perfect()
     late = Recording(dropped=0.0, late=0.1, nan_bursts_per_minute=0.0)
-    a, b = (simulate(UNIT, Scenario(duration=3.0, recording=r)).truth for r in (on_time, late))
+    a, b = (simulate(UNIT, Scenario(duration=3.0, recording=r)).truth for r in (Recording.perfect(), late))
     assert not np.array_equal(a["pump_angle"], b["pump_angle"])
     between = np.interp(b.time, a.time, a["pump_angle"])[:-1]
     np.testing.assert_allclose(b["pump_angle"][:-1], between, atol=5e-3)

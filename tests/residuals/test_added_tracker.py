@@ -58,8 +58,6 @@ def running(monkeypatch: pytest.MonkeyPatch, make: Any, name: str = "own") -> Ad
 
 def kalman(unit: Unit, channels: tuple[str, ...], period: float) -> Tracker:
     """filterpy's own filter: flow of the pump over pressure drop, by recursion, is the leakage."""
-    kf = KalmanFilter(1, 1)
-    kf.x, kf.P, kf.F, kf.Q, kf.R = np.array([[0.0]]), np.eye(1) * 100, np.eye(1), np.zeros((1, 1)), np.eye(1)
 
     class Ratio(KalmanFilter):
         """Its measurement matrix is the drop, which is its second measurement."""
@@ -70,11 +68,9 @@ def kalman(unit: Unit, channels: tuple[str, ...], period: float) -> Tracker:
             drop, speed = z
             super().update(speed * unit.pump.displacement / 2e-7, H=np.array([[drop * 1e-12 / 2e-7]]))
 
-    kf.__class__ = Ratio
-    return Tracker(
-        kf, measurements=("pressure_difference", "pump_speed"),
-        quantities={"leakage": lambda x: 1e-12 * x[0]},
-    )  # fmt: skip
+    kf = Ratio(1, 1)
+    kf.x, kf.P, kf.F, kf.Q, kf.R = np.array([[0.0]]), np.eye(1) * 100, np.eye(1), np.zeros((1, 1)), np.eye(1)
+    return Tracker(kf, ("pressure_difference", "pump_speed"), {"leakage": lambda x: 1e-12 * x[0]})
 
 
 def test_filterpys_filter_finds_the_leak_of_a_least_squares_fit(monkeypatch) -> None:
@@ -82,10 +78,8 @@ def test_filterpys_filter_finds_the_leak_of_a_least_squares_fit(monkeypatch) -> 
     tracker = running(monkeypatch, kalman)
     tracker.push(0, rows)
     value, std = tracker.last()["leakage"]
-    drop, flow = (
-        rows[:, COLUMNS["pressure_difference"]],
-        rows[:, COLUMNS["pump_speed"]] * UNIT.pump.displacement,
-    )
+    drop, speed = (rows[:, COLUMNS[name]] for name in ("pressure_difference", "pump_speed"))
+    flow = speed * UNIT.pump.displacement
     assert value == pytest.approx((drop @ flow) / (drop @ drop), rel=1e-4)
     assert std == pytest.approx(2e-7 / np.sqrt(drop @ drop), rel=1e-4)
     assert set(tracker.last()) == {"leakage"}

@@ -11,12 +11,17 @@ from numpy.typing import NDArray
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_BINS, FRAME_S, TAIL_BINS
-from fdd.residuals.effects import Effects, first_effects
+from fdd.residuals.effects import first_effects
 from fdd.residuals.normal_equations import NormalEquations
 from fdd.unit import Baseline, Unit
 
 Array = NDArray[np.float64]
 ROWS = TAIL_BINS + FRAME_BINS
+
+
+def began(history: BalanceHistory, frame: int) -> None:
+    history.frames.append(frame)
+    history.surroundings.append([0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("within", [0.0, 0.3])
@@ -28,8 +33,7 @@ def test_fold_is_batch_regression(within: float) -> None:
     kept: dict[str, list[tuple[Array, Array]]] = {n: [] for n in BALANCES}
     count, window = 40, 20
     for h in range(count):
-        history.frames.append(h + 7)
-        history.surroundings.append([0.0, 0.0, 0.0])
+        began(history, h + 7)
         for name, e in effects.items():
             n = e.mean.size
             x = rng.normal(size=(30, n)) / np.sqrt(np.diag(e.covariance))
@@ -49,27 +53,21 @@ def test_fold_is_batch_regression(within: float) -> None:
             for m, v in kept[name][:folded]:
                 frame = np.linalg.inv(np.linalg.inv(m) + np.diag(e.wander**2))
                 information, vector = information + frame, vector + frame @ np.linalg.solve(m, v)
-            reference = history.reference[name]
-            std = np.sqrt(np.diag(np.linalg.inv(information)))
-            np.testing.assert_allclose(
-                reference.mean / std, np.linalg.solve(information, vector) / std, rtol=1e-6, atol=1e-6
-            )
-            np.testing.assert_allclose(
-                reference.covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12
-            )
+            reference, covariance = history.reference[name], np.linalg.inv(information)
+            std, mean = np.sqrt(np.diag(covariance)), np.linalg.solve(information, vector)
+            np.testing.assert_allclose(reference.mean / std, mean / std, rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(reference.covariance, covariance, rtol=1e-5, atol=1e-12)
         else:  # older frames tell where the unit was, not where it is
             assert (np.diag(history.reference[name].covariance) > within**2).all()
 
 
 def test_what_came_since_a_fault_is_no_reference() -> None:
     """Of it the latest frames are kept, and some from before its onset, however long it stands."""
-    unit, rng = Unit.load("axis_a"), np.random.default_rng(12)
-    effects: dict[str, Effects] = {name: first_effects(name) for name in BALANCES}
-    history, window, onset = BalanceHistory(unit, effects), 20, 30
+    rng, effects = np.random.default_rng(12), {name: first_effects(name) for name in BALANCES}
+    history, window, onset = BalanceHistory(Unit.load("axis_a"), effects), 20, 30
     healthy = {}
     for h in range(200):
-        history.frames.append(h)
-        history.surroundings.append([0.0, 0.0, 0.0])
+        began(history, h)
         for name, e in effects.items():
             x = rng.normal(size=(30, e.mean.size)) / np.sqrt(np.diag(e.covariance))
             history.equations[name].append(NormalEquations(x.T @ x, x.T @ (x @ e.mean), 30.0, 1.0))
@@ -85,8 +83,7 @@ def test_what_came_since_a_fault_is_no_reference() -> None:
     assert history.folded == onset - window // 5
     # Once it is over, what is healthy is learnt again, and what was not is left out.
     for h in range(200, 260):
-        history.frames.append(h)
-        history.surroundings.append([0.0, 0.0, 0.0])
+        began(history, h)
         for name in effects:
             history.equations[name].append(history.equations[name][-1])
         history.fold(window, [(onset * FRAME_S, 200 * FRAME_S)])
@@ -135,8 +132,7 @@ def test_a_stretch_that_is_forgotten_leaves_the_other_frames_as_they_were() -> N
 @pytest.mark.parametrize("sharpness", [1e-2, 1.0, 1e4])
 @pytest.mark.parametrize("overdispersion", [1.0, 9.0])
 def test_a_healthy_frames_misfit_is_about_one(sharpness: float, overdispersion: float) -> None:
-    """Test: coefficients drawn from the unit's prior, vectors with errors as large as the information says,
-    or as the baseline's stretches scatter. Expected: mean square one, within four standard errors of 3 %."""
+    """Of the unit's prior, and errors as the information says or stretches scatter: four errors of 3 %."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(5)
     history = BalanceHistory(unit, {name: first_effects(name) for name in BALANCES})
     e = history.effects["reservoir"]

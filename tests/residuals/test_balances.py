@@ -13,7 +13,6 @@ from fdd.diagnosis.baseline import add_baseline, effects_of, history_of
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
-from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES, LAG_S
 from fdd.residuals.bins import COLUMNS, FRAME_BINS, BinMaker
 from fdd.residuals.oil import stiff_compliance
@@ -40,52 +39,53 @@ def unit(logs: list[Samples]) -> Unit:
     return add_baseline(Unit.load("axis_a"), logs)
 
 
-def coefficient(unit: Unit, balance: str, column: str) -> float:
-    return float(effects_of(unit)[balance].mean[BALANCES[balance].columns.index(column)])
-
-
-def coefficients(history: BalanceHistory, balance: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def coefficients(log: Samples, unit: Unit, balance: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """By all frames of a log, and what any unit may be, (n,), and their covariance (n, n)."""
+    history = history_of(log, unit, effects_of(unit))
     effects, (information, vector) = history.effects[balance], history.marginalised()[balance]
     prior = np.diag(1.0 / np.square(3.0 * effects.units))
     covariance = np.linalg.inv(prior + information.sum(axis=0))
     return covariance @ (prior @ effects.mean + vector.sum(axis=0)), covariance
 
 
-def test_the_pump_moves_what_the_piston_takes(unit: Unit) -> None:
-    assert abs(coefficient(unit, "volume", "gain")) < 0.01
+def force_coefficients(log: Samples, unit: Unit) -> dict[str, float]:
+    found, _ = coefficients(log, unit, "force")
+    return dict(zip(BALANCES["force"].columns, found.tolist(), strict=True))
 
 
-def test_oil_is_as_stiff_as_the_profile_says(unit: Unit) -> None:
-    assert coefficient(unit, "volume", "compliance") == pytest.approx(1.0, abs=0.25)
+def quantities(log: Samples, unit: Unit) -> Quantities:
+    return Quantities(BinMaker(unit).push(log)[1], unit, Scales.of(unit))
 
 
-def test_leakage_is_the_profiles(unit: Unit) -> None:
-    assert coefficient(unit, "volume", "leak") == pytest.approx(1.0, abs=0.15)
+AGREEING = {"gain_1": 1.0, "gain_2": -1.0}
 
 
-def test_the_shafts_torque_is_the_drives(unit: Unit) -> None:
-    assert coefficient(unit, "torque", "pressure") == pytest.approx(1.0, abs=0.03)
-    assert coefficient(unit, "torque", "inertia") == pytest.approx(1.0, abs=0.03)
-    assert abs(coefficient(unit, "torque", "zero")) < 0.005
-
-
-def test_the_seal_rubs_as_the_profile_says(unit: Unit) -> None:
-    for way in ("forward", "reverse"):
-        assert coefficient(unit, "force", f"friction_{way}") == pytest.approx(1.0, abs=0.15)
-
-
-def test_the_pressures_agree(unit: Unit) -> None:
-    right = {"gain_1": 1.0, "gain_2": -1.0}
-    for column in BALANCES["coherence"].columns:
-        assert coefficient(unit, "coherence", column) == pytest.approx(right.get(column, 0.0), abs=0.02)
+@pytest.mark.parametrize(
+    ("balance", "column", "expected", "within"),
+    [
+        ("volume", "gain", 0.0, 0.01),
+        ("volume", "compliance", 1.0, 0.25),
+        ("volume", "leak", 1.0, 0.15),
+        ("torque", "pressure", 1.0, 0.03),
+        ("torque", "inertia", 1.0, 0.03),
+        ("torque", "zero", 0.0, 0.005),
+        ("force", "friction_forward", 1.0, 0.15),
+        ("force", "friction_reverse", 1.0, 0.15),
+        *(("coherence", column, AGREEING.get(column, 0.0), 0.02) for column in BALANCES["coherence"].columns),
+    ],
+)
+def test_a_coefficient_is_what_the_profile_says(
+    unit: Unit, balance: str, column: str, expected: float, within: float
+) -> None:
+    found = effects_of(unit)[balance].mean[BALANCES[balance].columns.index(column)]
+    assert found == pytest.approx(expected, abs=within)
 
 
 def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) -> None:
     """Levels of a usual stretch within a frame, on logs that the baseline was not made of."""
     for seed, load in enumerate(LOADS, 61):
         fresh = simulate(Unit.load("axis_a"), Scenario(duration=20.0, load=load, seed=seed)).samples
-        mean, _ = coefficients(history_of(fresh, unit, effects_of(unit)), "volume")
+        mean, _ = coefficients(fresh, unit, "volume")
         maker = BinMaker(unit)
         rows = np.concatenate([maker.push(fresh)[1], maker.push(None)[1]])
         q = Quantities(rows, unit, Scales.of(unit))
@@ -93,10 +93,8 @@ def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) ->
         raw: list[np.ndarray] = []
         for y, x, ok, _ in BALANCES["volume"].blocks(q):
             good = settled(ok & np.isfinite(y) & np.isfinite(x).all(axis=1), BALANCES["volume"].settle)
-            for frame in range(len(rows) // FRAME_BINS):
-                inside = (
-                    np.flatnonzero(good[frame * FRAME_BINS : (frame + 1) * FRAME_BINS]) + frame * FRAME_BINS
-                )
+            for start in range(0, len(rows) - FRAME_BINS + 1, FRAME_BINS):
+                inside = start + np.flatnonzero(good[start : start + FRAME_BINS])
                 for stretch in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
                     if stretch.size >= 12:
                         for left, into in ((y[stretch] - x[stretch] @ mean, levels), (y[stretch], raw)):
@@ -110,21 +108,14 @@ def test_the_volume_balance_closes_to_a_hundred_cubic_millimetres(unit: Unit) ->
 
 @pytest.mark.parametrize("filled", [0.0, 0.5, 1.0])
 def test_what_a_pump_compresses_is_found(filled: float) -> None:
-    """Test: pumps that move their ports' mean density, their inlet's, and one amid them, of soft oil against
-    a throttled partner. Expected: half of its compression whichever way, and that share of as much again,
-    within three standard deviations (false alarms: 0.3 % each)."""
+    """Of pumps that move their ports' mean density, their inlet's, or amid: within three deviations."""
     unit = Unit.load("axis_a")
     unit.oil.bulk_modulus, unit.oil.air_fraction = 6e7, 0.001
-    scenario = Scenario(
-        duration=45.0,
-        duty={"name": "constant_speed", "speeds": [60.0, 120.0, 200.0], "turn": 8.0, "amplitude": 0.05},
-        control={"mode": "speed"},
-        load={"name": "throttle", "pressure": 2.2e6},
-        recording=Recording.perfect(),
-        details={"pump_compression": filled},
-    )
-    history = history_of(simulate(unit, scenario).samples, unit, effects_of(unit))
-    found, covariance = coefficients(history, "volume")
+    duty = {"name": "constant_speed", "speeds": [60.0, 120.0, 200.0], "turn": 8.0, "amplitude": 0.05}
+    load, details = {"name": "throttle", "pressure": 2.2e6}, {"pump_compression": filled}
+    run = {"duration": 45.0, "control": {"mode": "speed"}, "recording": Recording.perfect()}
+    log = simulate(unit, Scenario(**run, duty=duty, load=load, details=details)).samples
+    found, covariance = coefficients(log, unit, "volume")
     # At one temperature what leaks with speed looks the same.
     scales, columns = Scales.of(unit), BALANCES["volume"].columns
     half = 0.5 * unit.pump.displacement * stiff_compliance(unit.oil)
@@ -149,12 +140,11 @@ def test_a_starved_pump_tells_nothing_of_its_chambers(unit: Unit, logs: list[Sam
 
 @pytest.mark.parametrize(("load", "shut"), [("none", 1.0), ("constant", 0.0)])
 def test_the_case_lies_amid_the_ports_until_its_valve_opens(load: str, shut: float) -> None:
-    """Test: what the case's column leaks against, of a unit whose case opens at 2 bar. Expected: the plant's
-    case pressure within 3 kPa, where the chambers' mean stays below that, and where it is above."""
+    """What the case's column leaks against is the plant's case pressure; the case opens at 2 bar."""
     unit = Unit.load("axis_a").model_copy(deep=True)
     unit.accumulator.case_cracking_pressure = 2e5
     run = simulate(unit, Scenario(duration=20.0, load={"name": load}, seed=73))
-    q = Quantities(BinMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
+    q = quantities(run.samples, unit)
     mid = 0.5 * (q.p1[1:] + q.p1[:-1])
     case = BALANCES["volume"].blocks(q)[0].x[1:, BALANCES["volume"].columns.index("case")]
     found = mid - case / (Scales.of(unit).leakage * (q.dt / q.viscosity)[1:])
@@ -168,15 +158,14 @@ def test_the_case_lies_amid_the_ports_until_its_valve_opens(load: str, shut: flo
 
 
 def test_a_chamber_whose_line_loses_pressure_is_not_taken_for_closed() -> None:
-    """Test: fast strokes without a load through a narrow line; the pump's inlet lies below the accumulator
-    while the chamber that it empties does not. Expected: of the rows that count as closed, few are fed."""
+    """Fast strokes put the pump's inlet below the accumulator, but not the chamber that it empties."""
     unit = Unit.load("axis_a").model_copy(deep=True)
     unit.cylinder.area_2 *= 0.6
     details = {"line_loss": 1.5e12, "pilot_ratio": 3.0, "pilot_cracking": 3e4}
     duty = {"name": "strokes", "amplitude": 0.08, "rate": 0.12}
     scenario = Scenario(duration=12.0, duty=duty, load={"name": "none"}, details=details, seed=5)
     run = simulate(unit, scenario)
-    q = Quantities(BinMaker(unit).push(run.samples)[1], unit, Scales.of(unit))
+    q = quantities(run.samples, unit)
     time = q.take["time"]
     share = unit.pump.displacement * unit.drive.max_speed
     for side, block in zip((1, 2), BALANCES["volume"].blocks(q), strict=True):
@@ -191,8 +180,7 @@ def test_a_chamber_whose_line_loses_pressure_is_not_taken_for_closed() -> None:
 def test_a_lower_chamber_that_keeps_its_oil_tells_of_its_valve(
     unit: Unit, logs: list[Samples], keeps: bool, found: list[str]
 ) -> None:
-    """Test: the load holds chamber 2 higher; the lower chamber's check valve sticks open at 15 s. Expected:
-    found, and not by what a unit shows whose lower chamber may be let go by a pilot; healthy before."""
+    """Of a load that holds chamber 2 higher; not where a pilot may let the lower chamber's oil go."""
     mine = unit.model_copy(deep=True)
     mine.accumulator.refeed_pilots = not keeps
     mine = add_baseline(mine, logs)
@@ -212,12 +200,11 @@ def test_friction_is_told_beside_a_mass_whose_pressures_lag() -> None:
         log = simulate(unit, Scenario(duration=40.0, load={"name": "inertia"}, seed=seed)).samples
         late = {n: lfilter([1.0 - decay], [1.0, -decay], log[n] - log[n][0]) + log[n][0] for n in PRESSURES}
         lags = []
-        for samples in (log, Samples(log.time, {n: late.get(n, log[n]) for n in log.channels})):
-            found, _ = coefficients(history_of(samples, unit, effects_of(unit)), "force")
-            c = dict(zip(BALANCES["force"].columns, found.tolist(), strict=True))
-            assert c["friction_forward"] == pytest.approx(1.0, abs=0.15)
-            assert c["friction_reverse"] == pytest.approx(1.0, abs=0.15)
-            lags.append(c["lag"])
+        for samples in (log, log.with_columns(late)):
+            found = force_coefficients(samples, unit)
+            assert found["friction_forward"] == pytest.approx(1.0, abs=0.15)
+            assert found["friction_reverse"] == pytest.approx(1.0, abs=0.15)
+            lags.append(found["lag"])
         assert lags[1] - lags[0] == pytest.approx(-1.0, abs=0.1)
 
 
@@ -227,12 +214,10 @@ def test_a_load_cell_tells_gusts_from_friction_whichever_way_it_counts(sign: flo
     run = simulate(unit, Scenario(duration=40.0, load={"name": "gust"}, seed=1))
     log, noise = run.samples, np.random.default_rng(1).normal(0.0, 20.0, len(run.samples))
     force = sign * (1.005 * np.interp(log.time, run.truth.time, run.truth["load_force"]) + 20.0 + noise)
-    samples = Samples(log.time, {**{n: log[n] for n in log.channels}, "load_force": force})
-    found, _ = coefficients(history_of(samples, unit, effects_of(unit)), "force")
-    c = dict(zip(BALANCES["force"].columns, found.tolist(), strict=True))
-    assert c["load_measured"] == pytest.approx(sign / 1.005, abs=0.02)
-    assert c["friction_forward"] == pytest.approx(1.0, abs=0.12)
-    assert c["friction_reverse"] == pytest.approx(1.0, abs=0.12)
+    found = force_coefficients(log.with_columns({"load_force": force}), unit)
+    assert found["load_measured"] == pytest.approx(sign / 1.005, abs=0.02)
+    assert found["friction_forward"] == pytest.approx(1.0, abs=0.12)
+    assert found["friction_reverse"] == pytest.approx(1.0, abs=0.12)
 
 
 def driven(**scenario: Any) -> Samples:
@@ -250,7 +235,7 @@ def test_a_dead_drive_does_not_follow_its_command(unit: Unit, mode: str) -> None
 
 def test_a_drive_follows_its_command(unit: Unit) -> None:
     log = driven(load={"name": "spring"}, duty={"name": "strokes"})
-    found, covariance = coefficients(history_of(log, unit, effects_of(unit)), "drive")
+    found, covariance = coefficients(log, unit, "drive")
     assert covariance[0, 0] < 0.05**2
     assert found[0] == pytest.approx(1.0, abs=0.05)
 
@@ -258,8 +243,7 @@ def test_a_drive_follows_its_command(unit: Unit) -> None:
 def test_a_drive_at_its_limit_is_not_asked(unit: Unit) -> None:
     """Steps take it there again and again."""
     log = driven(load={"name": "spring"}, duty={"name": "steps"})
-    ((_, bins),) = BinMaker(unit).stretches(log)
-    quantities = Quantities(bins, unit, Scales.of(unit))
-    [block] = BALANCES["drive"].blocks(quantities)
-    at_limit = np.abs(quantities.take["motor_current"]) > 0.9 * unit.drive.current_limit
+    q = quantities(log, unit)
+    [block] = BALANCES["drive"].blocks(q)
+    at_limit = np.abs(q.take["motor_current"]) > 0.9 * unit.drive.current_limit
     assert at_limit.sum() > 20 and not (at_limit & block.valid).any()

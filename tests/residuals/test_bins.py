@@ -11,15 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from fdd.residuals.bins import (
-    BIN_S,
-    COLUMNS,
-    FAST,
-    FRAME_BINS,
-    FRAME_S,
-    PRESLIDING_TRAVEL_M,
-    BinMaker,
-)
+from fdd.residuals.bins import BIN_S, COLUMNS, FAST, FRAME_BINS, FRAME_S, PRESLIDING_TRAVEL_M, BinMaker
 from fdd.residuals.filters import LUBRICATION_LAG_S
 from fdd.samples import Samples
 from fdd.unit import Unit
@@ -44,16 +36,10 @@ def moving(seconds: float = SECONDS, seed: int = 3) -> Samples:
     return Samples(time, columns)
 
 
-def without(samples: Samples, keep: NDArray[np.bool_]) -> Samples:
-    return Samples(samples.time[keep], {c: samples[c][keep] for c in samples.channels})
-
-
 def bins_of(samples: Samples, cuts: list[int] | None = None, unit: Unit = UNIT) -> Array:
     maker = BinMaker(unit)
-    parts = [
-        maker.push(samples.rows(a, b))[1]
-        for a, b in itertools.pairwise([0, *sorted(cuts or []), len(samples)])
-    ]
+    edges = itertools.pairwise([0, *sorted(cuts or []), len(samples)])
+    parts = [maker.push(samples.rows(a, b))[1] for a, b in edges]
     return np.concatenate([*parts, maker.push(None)[1]])
 
 
@@ -65,18 +51,13 @@ def test_a_bin_is_the_mean_of_its_samples() -> None:
     samples = moving()
     bins = bins_of(samples)
     assert bins.shape == (int(np.ceil(SECONDS / FRAME_S)) * FRAME_BINS, len(COLUMNS))
-    for name in FAST:
-        sensor = UNIT.sensor(name)
-        for k in range(int(SECONDS / BIN_S)):
-            inside = [
-                (samples[name][i] - sensor.zero) / sensor.gain
-                for i in range(len(samples))
-                if round(samples.time[i] * 1e6) // round(BIN_S * 1e6) == k
-            ] if k % 37 == 0 else []  # fmt: skip
-            if inside:
-                assert bins[k, COLUMNS[name]] == pytest.approx(sum(inside) / len(inside), rel=1e-9), (name, k)
-    k = 111
-    assert column(bins, "temperature")[k] == 41.0
+    for k in range(0, int(SECONDS / BIN_S), 37):
+        inside = [i for i, t in enumerate(samples.time) if round(t * 1e6) // round(BIN_S * 1e6) == k]
+        for name in FAST:
+            sensor = UNIT.sensor(name)
+            mean = sum((samples[name][i] - sensor.zero) / sensor.gain for i in inside) / len(inside)
+            assert bins[k, COLUMNS[name]] == pytest.approx(mean, rel=1e-9), (name, k)
+    assert column(bins, "temperature")[111] == 41.0
 
 
 def test_a_sensors_zero_and_gain_are_taken_out() -> None:
@@ -96,15 +77,12 @@ def test_any_cut_gives_the_same_rows(cuts: list[int]) -> None:
     np.testing.assert_array_equal(bins_of(samples, cuts), bins_of(samples))
 
 
+some_rows = st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300)
+
+
 @settings(max_examples=20)
-@given(
-    lost=st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300),
-    blank=st.sets(st.integers(0, int(SECONDS * RATE_HZ) - 1), max_size=300),
-    jitter=st.integers(0, 5),
-)
-def test_what_is_missing_shifts_no_channel_against_another(
-    lost: set[int], blank: set[int], jitter: int
-) -> None:
+@given(lost=some_rows, blank=some_rows, jitter=st.integers(0, 5))
+def test_what_is_missing_shifts_no_channel_against_another(lost: set, blank: set, jitter: int) -> None:
     """A rigid motion closes the volume balance to rounding, whatever is lost of it."""
     samples = moving()
     keep = np.ones(len(samples), dtype=bool)
@@ -112,8 +90,8 @@ def test_what_is_missing_shifts_no_channel_against_another(
     position = samples["position"].copy()
     position[list(blank)] = np.nan
     time = samples.time + 1e-5 * jitter * np.random.default_rng(jitter).uniform(-1.0, 1.0, len(samples))
-    holed = without(Samples(time, {**{c: samples[c] for c in samples.channels}, "position": position}), keep)
-    bins = bins_of(holed)
+    columns = {**samples.columns, "position": position}
+    bins = bins_of(Samples(time[keep], {c: values[keep] for c, values in columns.items()}))
     sensors = {c: UNIT.sensor(c) for c in ("pump_angle", "position")}
     assert all(s.zero == 0.0 and s.gain == 1.0 for s in sensors.values())
     closes = UNIT.pump.displacement * np.diff(column(bins, "pump_angle"))
@@ -125,10 +103,8 @@ def test_what_is_missing_shifts_no_channel_against_another(
 
 def test_a_channel_that_is_never_there_hides_no_other() -> None:
     samples = moving()
-    bare = Samples(samples.time, {c: samples[c] for c in ("pump_angle", "position")})
-    bins = bins_of(bare)
-    full = int(SECONDS / BIN_S)
-    assert np.isfinite(column(bins, "pump_angle")[:full]).all()
+    bins = bins_of(Samples(samples.time, {c: samples[c] for c in ("pump_angle", "position")}))
+    assert np.isfinite(column(bins, "pump_angle")[: int(SECONDS / BIN_S)]).all()
     assert np.isnan(column(bins, "motor_current")).all()
     np.testing.assert_allclose(column(bins, "position"), column(bins_of(samples), "position"), rtol=1e-12)
 
@@ -141,15 +117,13 @@ def test_an_early_row_changes_no_later_one() -> None:
         {c: np.concatenate([samples[c][:1], late[c]]) for c in late.channels},
     )
     one, other = bins_of(late), bins_of(early)
-    one = one[-len(other) :]
-    other = other[-len(one) :]
+    one, other = one[-len(other) :], other[-len(one) :]
     for name in (*FAST, "temperature", "time"):
         np.testing.assert_array_equal(column(other, name), column(one, name), err_msg=name)
     # A seal knows where it came from until it has slid: twice its give.
     travel = np.nancumsum(np.abs(np.diff(column(one, "position"), prepend=np.nan)))
-    slid = (travel > 4.0 * PRESLIDING_TRAVEL_M) & (
-        column(one, "time") > late.time[0] + 10.0 * LUBRICATION_LAG_S
-    )
+    slid = column(one, "time") > late.time[0] + 10.0 * LUBRICATION_LAG_S
+    slid &= travel > 4.0 * PRESLIDING_TRAVEL_M
     assert slid.sum() > 100
     for name in ("friction", "sliding"):
         np.testing.assert_allclose(column(other, name)[slid], column(one, name)[slid], rtol=0.02)
@@ -161,7 +135,7 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
     samples = moving()
     f = UNIT.friction
     stiffness = 0.5 * (f.forward.static + f.reverse.static) / PRESLIDING_TRAVEL_M
-    force, film = 0.0, 0.0
+    force = film = 0.0
     forces, films = [], []
     before_x, before_t = samples["position"][0], samples.time[0] - 1e-3
     for t, x in zip(samples.time, samples["position"], strict=True):
@@ -176,22 +150,20 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
         forces.append(force)
         films.append(film)
         before_x, before_t = x, t
-    count = int(SECONDS / BIN_S)
     bins = bins_of(samples, cut)
-    per_bin = RATE_HZ * BIN_S
     for name, expected in (("friction", forces), ("sliding", films)):
-        means = np.reshape(expected, (count, int(per_bin))).mean(axis=1)
-        np.testing.assert_allclose(column(bins, name)[:count], means, rtol=1e-7, atol=1e-9, err_msg=name)
+        means = np.reshape(expected, (-1, int(RATE_HZ * BIN_S))).mean(axis=1)
+        found = column(bins, name)[: int(SECONDS / BIN_S)]
+        np.testing.assert_allclose(found, means, rtol=1e-7, atol=1e-9, err_msg=name)
     slides = np.abs(films) > 0.05
     assert slides.any()
-    sign = np.sign(films)[slides]
-    assert (np.sign(forces)[slides] == sign).mean() > 0.95, "friction acts against the motion"
+    against = np.sign(forces)[slides] == np.sign(films)[slides]
+    assert against.mean() > 0.95, "friction acts against the motion"
 
 
 @pytest.mark.parametrize(("rate", "band_hz"), [(1000, None), (200, None), (1000, 150.0), (500, 150.0)])
 def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(rate: int, band_hz: float | None) -> None:
-    """Whatever the pressure does: it swings by a hundred times its noise, and steps. Noise of a transducer's
-    band is no less in a bin's mean than white noise of its spectral density."""
+    """Though it swings by a hundred times its noise, and steps; a band's counts by its spectral density."""
     rng, time = np.random.default_rng(9), np.arange(60 * rate) / rate
     samples = moving(60.0).rows(0, 1)
     columns = {c: np.interp(time, samples.time, samples[c]) for c in samples.channels}
@@ -208,8 +180,7 @@ def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(rate: int, ban
 
 @pytest.mark.parametrize("hz", [130.0, 166.3, 283.0])
 def test_what_is_faster_than_the_bins_is_hardly_in_a_windowed_current(hz: float) -> None:
-    """A fast tone comes out an eighth of what plain means have of it at most; a slow one by the window's
-    response."""
+    """A fast tone comes out an eighth of what plain means have of it at most; a slow one by the window."""
     samples = moving(seconds=3.0)
     bins = {}
     for f in (hz, 15.0):

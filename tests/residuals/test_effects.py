@@ -30,8 +30,7 @@ class Usual:
 
 @pytest.mark.parametrize("name", ["volume", "torque"])
 def test_unknown_viscosity_moves_coefficients_as_other_oil_does(name: str) -> None:
-    """Test: oil of half the viscosity, and the derivative by its logarithm. Expected: the same direction, and
-    for what goes by the inverse the exact slope: 1/0.5 - 1 = 1."""
+    """Half the viscosity against the derivative by its logarithm; what goes by the inverse: 1/0.5 - 1 = 1."""
     thin = next(s for s in CATALOGUE["oil_degradation"].signatures if s.label == "thin")
     columns = thin.columns(Usual())[name]
     wanted = np.array([columns.get(c, 0.0) for c in BALANCES[name].columns])
@@ -42,16 +41,15 @@ def test_unknown_viscosity_moves_coefficients_as_other_oil_does(name: str) -> No
 
 
 def test_without_a_thermometer_a_log_may_be_of_any_viscosity() -> None:
-    """Test: a log with and without. Expected: one more draw along the viscosity's direction, no other."""
+    """One more draw along the viscosity's direction, no other."""
     first = first_effects("volume")
     change = viscous_change("volume", first.mean)
     warm = usual_conditions(first.noise)
     blind = LogConditions(*warm[:4], 1.0)
     more = with_logs(first, blind, change).covariance - with_logs(first, blind).covariance
     np.testing.assert_allclose(more, UNKNOWN_VISCOSITY**2 * np.outer(change, change))
-    np.testing.assert_array_equal(
-        with_logs(first, warm, change).covariance, with_logs(first, warm).covariance
-    )
+    one, other = with_logs(first, warm, change), with_logs(first, warm)
+    np.testing.assert_array_equal(one.covariance, other.covariance)
 
 
 def test_a_profiles_doubt_about_its_displacement_is_the_gains() -> None:

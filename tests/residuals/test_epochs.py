@@ -37,12 +37,10 @@ def test_a_stop_ends_an_epoch_of_two_minutes_in_motion_or_more() -> None:
     assert len(epochs) == epochs.completed == 1
     assert epochs.starts().tolist() == [600.0]
     # One draw of what differs between logs, however many frames it has: variances add up.
-    m = one["refeed"][0] + other["refeed"][0]
-    v = one["refeed"][1] + other["refeed"][1]
+    m, v = (a + b for a, b in zip(one["refeed"], other["refeed"], strict=True))
     wide, kept = epochs.marginalised(EFFECTS)["refeed"]
-    right = np.linalg.inv(
-        np.linalg.inv(m) + np.diag(EFFECTS["refeed"].between_logs(usual_conditions(EFFECTS["refeed"].noise)))
-    )
+    between = EFFECTS["refeed"].between_logs(usual_conditions(EFFECTS["refeed"].noise))
+    right = np.linalg.inv(np.linalg.inv(m) + np.diag(between))
     np.testing.assert_allclose(wide, right[None], rtol=1e-8)
     np.testing.assert_allclose(kept[0], right @ np.linalg.solve(m, v), rtol=1e-8)
     epochs.stop()
@@ -78,9 +76,7 @@ def test_beyond_sixteen_of_one_length_the_two_oldest_become_one_of_twice_it() ->
         lengths = np.diff([*(epochs.starts() / 3600.0), hour + 1]).astype(int).tolist()
         assert lengths == sorted(lengths, reverse=True), "the older, the longer"
         assert set(lengths) <= {1, 2, 4} and all(lengths.count(n) <= 16 for n in (1, 2, 4))
-        if hour == 16:
-            assert lengths == [2] + [1] * 15
-        if hour == 17:
-            assert lengths == [2] + [1] * 16
+        if hour in (16, 17):
+            assert lengths == [2] + [1] * (hour - 1)
         sums = [float(each["refeed"][0][0, 0]) for each in epochs._sums]
         assert sums == lengths, "each has the hours that it spans"

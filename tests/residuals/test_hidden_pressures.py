@@ -22,14 +22,10 @@ def unknown(like: NDArray[np.float64]) -> NDArray[np.float64]:
 def test_they_follow_the_plants() -> None:
     """Strokes against a throttle, after which the mean stays up."""
     unit = Unit.load("axis_a")
-    scenario = Scenario(
-        duration=20.0,
-        duty={"name": "constant_speed", "speeds": [50.0, 110.0], "turn": 8.0, "amplitude": 0.05},
-        control={"mode": "speed"},
-        load={"name": "throttle", "pressure": 1.5e6},
-        recording=Recording.perfect(),
-    )
-    truth = simulate(unit, scenario).truth.columns
+    duty = {"name": "constant_speed", "speeds": [50.0, 110.0], "turn": 8.0, "amplitude": 0.05}
+    run = {"duration": 20.0, "control": {"mode": "speed"}, "recording": Recording.perfect()}
+    load = {"name": "throttle", "pressure": 1.5e6}
+    truth = simulate(unit, Scenario(**run, duty=duty, load=load)).truth.columns
     p1, p2 = truth["pressure_1"], truth["pressure_2"]
     mean, tank = chambers_from_difference(p1 - p2, truth["position"], 1e-3, unit, unknown(p1))
     true_mean = 0.5 * (p1 + p2)
@@ -81,9 +77,9 @@ def test_a_single_rods_accumulator_follows_the_rod() -> None:
     position = np.linspace(-0.02, 0.02, 50)
     difference = 1e6 * np.sin(np.linspace(0.0, 9.0, 50))
     mean, tank = chambers_from_difference(difference, position, 0.01, unit, unknown(position))
-    c = unit.cylinder
-    held = (c.volume_1 + c.volume_2 + 0.3 * c.area_1 * position) / unit.oil.bulk_modulus * (mean - mean[1])
-    product = (tank + 101325.0) * (unit.accumulator.gas_volume + 0.3 * c.area_1 * position + held)
+    c, rod = unit.cylinder, 0.3 * unit.cylinder.area_1 * position
+    held = (c.volume_1 + c.volume_2 + rod) / unit.oil.bulk_modulus * (mean - mean[1])
+    product = (tank + 101325.0) * (unit.accumulator.gas_volume + rod + held)
     np.testing.assert_allclose(product[1:], product[1], rtol=0.02)
     assert np.ptp(tank) > 5e4
     lowest = mean - 0.5 * np.abs(difference)
@@ -95,20 +91,19 @@ def test_noise_lifts_nothing() -> None:
     """Peaks of a noisy sensor would lift the mean by their height for as long as the drain takes."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(6)
     unit.pump.case_leakage = unit.oil.air_fraction = 0.0
-    noisy = 1e6 + rng.normal(0.0, 2e4, 500)
-    still = np.zeros(500)
-    tank = np.full(500, unit.accumulator.charge_pressure)
+    noisy, tank = 1e6 + rng.normal(0.0, 2e4, 500), np.full(500, unit.accumulator.charge_pressure)
     true = tank + 0.5e6 - unit.accumulator.refeed_cracking_pressure
-    plain, _ = chambers_from_difference(noisy, still, 0.01, unit, tank)
-    told, _ = chambers_from_difference(noisy, still, 0.01, unit, tank, noise=np.full(500, 2e4))
+    plain, told = (
+        chambers_from_difference(noisy, np.zeros(500), 0.01, unit, tank, noise=noise)[0]
+        for noise in (None, np.full(500, 2e4))
+    )
     np.testing.assert_allclose(plain[250:] - told[250:], 0.5 * 2e4, rtol=0.01)
     assert np.mean(told[250:] - true[250:]) < 2.5e4
 
 
 @pytest.mark.parametrize("step", [900, 2500, 7001])
 def test_rows_do_not_depend_on_blocks_where_sensors_come_and_go(step: int) -> None:
-    """Chambers and accumulator are measured in parts of a log alone; the mean is followed all along, and anew
-    after a pause in which the drain has let it down."""
+    """The mean is followed all along, and anew after a pause in which the drain has let it down."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(8)
     time = np.concatenate([np.arange(20_000), np.arange(60_000, 70_000)]) * 1e-3
     difference = 1e5 * np.cumsum(rng.normal(0.0, 0.05, time.size))
@@ -125,33 +120,22 @@ def test_rows_do_not_depend_on_blocks_where_sensors_come_and_go(step: int) -> No
         return np.concatenate([*parts, maker.push(None)[1]])[:, COLUMNS["mean_pressure"]]
 
     whole = mean([log])
-    blocks = [log.rows(a, min(a + step, len(log))) for a in range(0, len(log), step)]
-    np.testing.assert_array_equal(mean(blocks), whole)
+    np.testing.assert_array_equal(mean([log.rows(a, a + step) for a in range(0, len(log), step)]), whole)
     lower = whole[2000] - 0.5 * abs(np.mean(difference[20_000:20_010]))
     assert lower == pytest.approx(4e5, abs=1e3)
 
 
 @pytest.mark.parametrize("drains", [True, False])
 def test_the_mean_is_unknown_while_its_drain_says_whether_a_valve_feeds(drains: bool) -> None:
-    """A load comes, goes for four seconds in which the case drain lets the mean down, and comes again.
-
-    On the way up the valve opens where the mean has come down to: known at rest and under load, and all along
-    where nothing drains.
-    """
+    """A load comes, goes for four seconds, and again: the valve opens where the mean has come down to."""
     unit = Unit.load("axis_a")
     if not drains:
         unit.pump.case_leakage = 0.0
     time = np.arange(0.0, 8.0, 1e-3)
-    difference = 1.6e6 * (
-        np.clip(time - 0.5, 0.0, 1.0) - np.clip(time - 2.0, 0.0, 1.0) + np.clip(time - 6.0, 0.0, 1.0)
-    )
-    tank = np.full(time.size, unit.accumulator.charge_pressure)
-    columns = {
-        "position": 0.0 * time,
-        "pump_angle": 0.0 * time,
-        "pressure_difference": difference,
-        "pressure_accumulator": tank,
-    }
+    comes, goes, again = (np.clip(time - start, 0.0, 1.0) for start in (0.5, 2.0, 6.0))
+    columns = dict.fromkeys(("position", "pump_angle"), 0.0 * time)
+    columns["pressure_difference"] = 1.6e6 * (comes - goes + again)
+    columns["pressure_accumulator"] = np.full(time.size, unit.accumulator.charge_pressure)
     maker = BinMaker(unit)
     rows = np.concatenate([maker.push(Samples(time, columns))[1], maker.push(None)[1]])
     known = np.isfinite(rows[:, COLUMNS["mean_pressure"]])

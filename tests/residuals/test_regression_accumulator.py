@@ -32,9 +32,8 @@ def test_marginalised_is_the_textbook_form_where_the_information_is_regular(n: i
     wide, kept = marginalised(m, vector, std)
     expected = np.linalg.inv(np.linalg.inv(m) + np.diag(std**2))
     np.testing.assert_allclose(wide, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
-    np.testing.assert_allclose(
-        kept, expected @ np.linalg.solve(m, vector), rtol=1e-6, atol=1e-9 * np.abs(kept).max()
-    )
+    right = expected @ np.linalg.solve(m, vector)
+    np.testing.assert_allclose(kept, right, rtol=1e-6, atol=1e-9 * np.abs(kept).max())
 
 
 def test_marginalised_of_what_tells_nothing_tells_nothing() -> None:
@@ -55,22 +54,17 @@ def of_frame(rng: np.random.Generator, n: int) -> tuple[Array, Array, NDArray[np
     return x @ rng.normal(size=n) + 0.1 * rng.normal(size=ROWS), x, np.ones(ROWS, dtype=bool)
 
 
-def least_squares(information: Array, vector: Array) -> Array:
-    return np.asarray(np.linalg.solve(information, vector))
-
-
 @pytest.mark.parametrize("name", ["coherence", "refeed"])
 def test_a_frame_of_plain_rows_is_least_squares(name: str) -> None:
     balance, rng = BALANCES[name], np.random.default_rng(4)
     y, x, ok = of_frame(rng, len(balance.columns))
     ok[TAIL_BINS + 5 : TAIL_BINS + 12] = False
-    [(information, vector, rows, variance)] = RegressionAccumulator(balance, first_effects(name)).equations(
-        [RegressionBlock(y, x, ok)]
-    )
+    regression = RegressionAccumulator(balance, first_effects(name))
+    [(information, vector, rows, variance)] = regression.equations([RegressionBlock(y, x, ok)])
     x, y = x[TAIL_BINS:][ok[TAIL_BINS:]], y[TAIL_BINS:][ok[TAIL_BINS:]]
     expected, rest, *_ = np.linalg.lstsq(x, y, rcond=None)
     assert rows == len(y) == FRAME_BINS - 7
-    np.testing.assert_allclose(least_squares(information, vector), expected, rtol=1e-8)
+    np.testing.assert_allclose(np.linalg.solve(information, vector), expected, rtol=1e-8)
     np.testing.assert_allclose(information, x.T @ x / variance, rtol=1e-9, atol=1e-9 * information.max())
     assert variance >= 0.99 * rest[0] / (len(y) - x.shape[1])
 
@@ -82,9 +76,8 @@ def test_a_frame_of_changes_is_least_squares_on_levels(name: str) -> None:
     n = len(balance.columns)
     y, x, ok = of_frame(rng, n)
     ok[TAIL_BINS + 20] = False
-    [(information, vector, _, _)] = RegressionAccumulator(balance, first_effects(name)).equations(
-        [RegressionBlock(y, x, ok)]
-    )
+    regression = RegressionAccumulator(balance, first_effects(name))
+    [(information, vector, _, _)] = regression.equations([RegressionBlock(y, x, ok)])
     stretches = [slice(TAIL_BINS, TAIL_BINS + 20), slice(TAIL_BINS + 21, ROWS)]
     levels_x = [np.cumsum(x[s], axis=0) for s in stretches]
     levels_y = [np.cumsum(y[s]) for s in stretches]
@@ -92,7 +85,7 @@ def test_a_frame_of_changes_is_least_squares_on_levels(name: str) -> None:
     design, aim = np.column_stack([np.concatenate(levels_x), dummies]), np.concatenate(levels_y)
     expected = np.linalg.lstsq(design, aim, rcond=None)[0][:n]
     # The first row of a stretch, which its mean makes redundant, is left out: a few per cent of the rows.
-    np.testing.assert_allclose(least_squares(information, vector), expected, atol=0.05)
+    np.testing.assert_allclose(np.linalg.solve(information, vector), expected, atol=0.05)
 
 
 def test_a_frame_of_cells_is_least_squares_on_their_means_over_the_load_before() -> None:
@@ -128,11 +121,10 @@ def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
         y = 0.2 * np.cos(angle + phase) + 0.05 * np.sin(2 * angle) + 0.3 + 0.01 * rng.normal(size=angle.size)
         for frame in range(20):
             here = slice(frame * FRAME_BINS, frame * FRAME_BINS + ROWS)
-            [(information, vector, rows, _)] = regression.equations(
-                [RegressionBlock(y[here], x[here], np.ones(ROWS, dtype=bool))]
-            )
+            block = RegressionBlock(y[here], x[here], np.ones(ROWS, dtype=bool))
+            [(information, vector, rows, _)] = regression.equations([block])
             assert rows
-        found.append(least_squares(information, vector))
+        found.append(np.linalg.solve(information, vector))
     np.testing.assert_allclose(found, np.tile([0.2, 0.05], (7, 1)), atol=0.015)
 
 
@@ -156,13 +148,12 @@ def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share:
         x[:, compliance], x[:, lag] = np.diff(seen)[1:], np.diff(seen, 2)
         y = 0.9 * np.diff(truth)[1:] + 0.4 * np.diff(truth, 2) + np.diff(rng.normal(size=ROWS + 1))
         for known, of in ((True, regression), (False, plain)):
-            [(m, v, rows, variance)] = of.equations(
-                [RegressionBlock(y, x, np.ones(ROWS, dtype=bool), told if known else None)]
-            )
+            block = RegressionBlock(y, x, np.ones(ROWS, dtype=bool), told if known else None)
+            [(m, v, rows, variance)] = of.equations([block])
             assert rows
             sums[known][0] += m * variance
             sums[known][1] += v * variance
     pair = [compliance, lag]
-    found, drawn = (least_squares(m[np.ix_(pair, pair)], v[pair]) for m, v in (sums[True], sums[False]))
+    found, drawn = (np.linalg.solve(m[np.ix_(pair, pair)], v[pair]) for m, v in (sums[True], sums[False]))
     np.testing.assert_allclose(found, [0.9, 0.4], atol=0.06)
     assert np.abs(drawn - [0.9, 0.4]).max() > 0.02 + 0.2 * share, "else this shows nothing"

@@ -24,11 +24,10 @@ def test_what_a_count_rounds_to_is_noise_of_its_own() -> None:
     """By rounding many values."""
     unit, rng = Unit.load("axis_a"), np.random.default_rng(1)
     for channel, noise in (("position", 2e-5), ("pump_angle", 0.004)):
-        coarse = unit.sensor(channel).model_copy(update={"noise": noise, "resolution": 4.0 * noise})
-        unit.sensors[channel] = coarse
-        true = rng.uniform(0.0, 1000.0 * noise, 100_000)
-        seen = true + noise * rng.normal(size=true.size)
-        seen = np.round(seen / coarse.resolution) * coarse.resolution
+        step, true = 4.0 * noise, rng.uniform(0.0, 1000.0 * noise, 100_000)
+        coarse = {"noise": noise, "resolution": step}
+        unit.sensors[channel] = unit.sensor(channel).model_copy(update=coarse)
+        seen = np.round((true + noise * rng.normal(size=true.size)) / step) * step
         found = getattr(noise_of(unit), channel.removeprefix("pump_"))
         assert found == pytest.approx(np.std(seen - true), rel=0.02)
 
@@ -49,11 +48,10 @@ def test_a_sensor_without_noise_has_the_usual_one() -> None:
 
 def test_a_pumps_gain_is_as_sure_as_its_profile_says() -> None:
     """Relative, and never surer than thirty kelvin let it be: metals grow by some 2e-5 a kelvin."""
-    text = Unit.load("axis_a").to_yaml()
-    plain = Unit.from_yaml(text)
+    plain = Unit.load("axis_a")
     assert gain_spread(plain) == noise_of(plain).initial_gain == Noise().initial_gain
     known = plain.pump.provenance["displacement"]
     for share, least, most in ((0.01, 0.01, 0.0101), (1e-6, 3e-4, 1e-3)):
-        own = known.model_copy(update={"std": share * plain.pump.displacement})
-        plain.pump.provenance["displacement"] = own
+        std = share * plain.pump.displacement
+        plain.pump.provenance["displacement"] = known.model_copy(update={"std": std})
         assert least <= gain_spread(plain) <= most

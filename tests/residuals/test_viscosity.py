@@ -14,14 +14,8 @@ from fdd.unit import Oil, Unit
 
 def oil_of(at_40: float, at_100: float, reference: float) -> Oil:
     """Axis A's oil with other viscosities (cSt)."""
-    oil = Unit.load("axis_a").oil
-    return oil.model_copy(
-        update={
-            "viscosity_40": at_40 * 1e-6,
-            "viscosity_100": at_100 * 1e-6,
-            "reference_temperature": reference,
-        }
-    )
+    points = {"viscosity_40": at_40 * 1e-6, "viscosity_100": at_100 * 1e-6}
+    return Unit.load("axis_a").oil.model_copy(update={**points, "reference_temperature": reference})
 
 
 oils = st.builds(
@@ -43,9 +37,8 @@ def test_is_a_straight_line_in_walthers_coordinates(oil: Oil, celsius: float) ->
 def test_agrees_with_the_plants_own_law() -> None:
     oil = Unit.load("axis_a").oil
     celsius = np.linspace(-20.0, 110.0, 27)
-    np.testing.assert_allclose(
-        viscosity_ratio(oil, celsius), viscosity(oil, celsius) / viscosity(oil, 40.0), rtol=1e-9
-    )
+    expected = viscosity(oil, celsius) / viscosity(oil, 40.0)
+    np.testing.assert_allclose(viscosity_ratio(oil, celsius), expected, rtol=1e-9)
 
 
 def test_absurd_temperatures_stay_finite() -> None:
