@@ -13,7 +13,7 @@ from fdd.cli.console import counted
 from fdd.cli.failures import Commands, prepare_process
 from fdd.cli.options import EngineOption, WorkersOption
 from fdd.diagnosis.model import Model
-from reports import datasets
+from reports import datasets, disturbed
 from reports.estimators.report import estimators
 from reports.live.report import load, outage, soak
 from reports.plant.report import plant
@@ -55,7 +55,7 @@ for measure, table, words in (
      "Identify each unit from its data sheet: refusals, and do deviations come true?"),
     (datasets.scales, datasets.scales_table,
      "Read healthy logs in wrong units of measure: refused, or warned of?"),
-    (datasets.disturbed, datasets.disturbed_table, "Compare answers on logs holed, resampled or mirrored."),
+    (disturbed.disturbed, disturbed.disturbed_table, "Compare answers on logs holed, resampled or mirrored."),
     (datasets.left_out, datasets.left_out_table, "Diagnose faulty logs without their fault's signatures."),
 ):  # fmt: skip
     of_data_set(measure, table, words)

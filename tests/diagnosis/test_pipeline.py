@@ -21,7 +21,7 @@ from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import Tracking
 from fdd.samples import Samples
 from fdd.unit import Unit
-from reports.datasets import mirrored, mirrored_unit
+from reports.disturbed import mirrored, mirrored_unit
 
 Answer = Callable[[Samples], Diagnosis]
 SHARED = settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -14,19 +14,18 @@ from reports.datasets import (
     SLIPS,
     SOUND,
     SWAPPED,
-    Comparison,
     Departure,
     Said,
     Told,
     budget_table,
     counted,
-    disturbed_table,
     identification_table,
     left_out_table,
     scales_table,
     slipped,
     standardised,
 )
+from reports.disturbed import Comparison, disturbed_table
 
 
 def test_a_log_slips_in_the_channels_it_has() -> None:

@@ -8,7 +8,7 @@ import pytest
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality
 from fdd.samples import Samples
 from fdd.unit import Unit
-from reports import datasets
+from reports import disturbed
 
 RATE = 1000
 
@@ -32,7 +32,7 @@ def rng() -> np.random.Generator:
 
 @pytest.mark.parametrize("rate", [200.0, 500.0, 2000.0])
 def test_at_another_rate_it_is_the_same_motion(log: Samples, rate: float) -> None:
-    other = datasets.at_rate(rate)(log, rng())
+    other = disturbed.at_rate(rate)(log, rng())
     assert other is not None
     step = max(1.0 / rate, 1e-3)  # the reader makes means of a faster log
     np.testing.assert_allclose(np.diff(other.time)[:-1], step, atol=1e-9)
@@ -46,16 +46,16 @@ def test_at_another_rate_it_is_the_same_motion(log: Samples, rate: float) -> Non
 
 
 def test_seen_from_the_other_end_motion_turns_and_chambers_swap(log: Samples) -> None:
-    other = datasets.mirrored(log)
+    other = disturbed.mirrored(log)
     np.testing.assert_array_equal(other["pressure_1"], log["pressure_2"])
     np.testing.assert_array_equal(other["pressure_2"], log["pressure_1"])
     for name in ("position", "pump_angle", "pump_speed", "pressure_difference"):
         np.testing.assert_array_equal(other[name], -log[name])
     np.testing.assert_array_equal(other["oil_temperature"], log["oil_temperature"])
-    back = datasets.mirrored(other)
+    back = disturbed.mirrored(other)
     assert all(np.array_equal(back[name], log[name]) for name in log.channels)
     bare = Samples(log.time, {"pressure_1": log["pressure_1"]})
-    np.testing.assert_array_equal(datasets.mirrored(bare)["pressure_1"], log["pressure_1"])
+    np.testing.assert_array_equal(disturbed.mirrored(bare)["pressure_1"], log["pressure_1"])
 
 
 def answer(verdict: str, *faults: tuple[str, float, str]) -> Diagnosis:
@@ -74,26 +74,26 @@ def answer(verdict: str, *faults: tuple[str, float, str]) -> Diagnosis:
 def test_answers_are_compared_by_verdict_leading_group_and_onset() -> None:
     leak, other = ("internal_leakage", 10.0, "pump_wear"), ("pump_wear", 10.9, "case")
     healthy, faulty = answer("healthy"), answer("faulty", leak)
-    assert datasets._same(healthy, healthy) == (True, True, True)
-    assert datasets._same(healthy, faulty) == datasets._same(faulty, healthy) == (False, False, False)
-    assert datasets._same(faulty, answer("faulty", other)) == (True, True, True)
-    assert datasets._same(answer("faulty", other), faulty) == (True, True, True)
-    assert datasets._same(faulty, answer("inconclusive", ("aeration", 11.2, "x"))) == (False, False, False)
+    assert disturbed._same(healthy, healthy) == (True, True, True)
+    assert disturbed._same(healthy, faulty) == disturbed._same(faulty, healthy) == (False, False, False)
+    assert disturbed._same(faulty, answer("faulty", other)) == (True, True, True)
+    assert disturbed._same(answer("faulty", other), faulty) == (True, True, True)
+    assert disturbed._same(faulty, answer("inconclusive", ("aeration", 11.2, "x"))) == (False, False, False)
     late = answer("faulty", ("internal_leakage", 11.1, "x"), leak)
-    assert datasets._same(faulty, late) == (True, True, False), "the leading one's"
+    assert disturbed._same(faulty, late) == (True, True, False), "the leading one's"
 
 
 def test_a_mirrored_profile_has_its_ends_swapped(monkeypatch: pytest.MonkeyPatch) -> None:
     """And the mirrored mirror is the profile itself."""
-    monkeypatch.setattr(datasets, "add_baseline", lambda unit, logs: unit)
+    monkeypatch.setattr(disturbed, "add_baseline", lambda unit, logs: unit)
     unit = Unit.load("axis_a")
     c = unit.cylinder
     unit.cylinder = c.model_copy(update={"area_2": 0.9 * c.area_1, "volume_2": 1.3 * c.volume_1})
     for name, zero in (("position", 1e-3), ("pressure_1", 5e3)):
         unit.sensors[name] = unit.sensor(name).model_copy(update={"zero": zero})
-    turned = datasets.mirrored_unit(unit, [])
+    turned = disturbed.mirrored_unit(unit, [])
     assert turned.cylinder.area_1 == unit.cylinder.area_2 and turned.cylinder.area_2 == unit.cylinder.area_1
     assert turned.cylinder.volume_1 == unit.cylinder.volume_2
     assert turned.friction.forward == unit.friction.reverse
     assert turned.sensor("position").zero == -1e-3 and turned.sensor("pressure_2").zero == 5e3
-    assert datasets.mirrored_unit(turned, []) == unit
+    assert disturbed.mirrored_unit(turned, []) == unit
