@@ -35,16 +35,20 @@ from fdd.unit import Unit
 from reports.writing import render
 
 LEAST_SEVERITY = 0.3
+LARGE_GAIN = 50.0
+"""Nats that no log should have and be called healthy."""
 TOLD = 0.3
 """Information of a coefficient in a log over that of its spread, from which its departure says something."""
 
 
 class Said(NamedTuple):
-    """One log's answer. score : of the whole log. faults : answered, the surest first, with groups."""
+    """One log's answer. score : of the whole log. gain : the largest (nats) of any fault over the variance
+    of healthy stretches. faults : answered, the surest first, with groups."""
 
     entry: Entry
     verdict: str
     score: float
+    gain: float
     faults: tuple[tuple[str, tuple[str, ...]], ...]
 
     @property
@@ -79,7 +83,8 @@ def budget(data: Dataset, name: str, model: Model) -> list[Said | Departure]:
         pipeline.push(data.samples(entry))
         found = pipeline.finish()
         faults = tuple((f.fault, tuple(f.ambiguity)) for f in found.faults)
-        out.append(Said(entry, found.verdict, pipeline.score, faults))
+        gain = max((f.gain / max(f.overdispersion, 1.0) for f in pipeline.fitted), default=0.0)
+        out.append(Said(entry, found.verdict, pipeline.score, gain, faults))
     for file, history in logs.healthy:
         out += _departures(file, history)
     return out
@@ -111,7 +116,9 @@ def _departures(file: str, history: BalanceHistory) -> list[Departure]:
 def budget_table(found: Sequence[Said | Departure]) -> str:
     """Where visible faults are lost, and what healthy logs differ by (Markdown)."""
     faults, healthy = [], []
-    for s in (x for x in found if isinstance(x, Said)):
+    said = [x for x in found if isinstance(x, Said)]
+    silent = sum(s.verdict == "healthy" and s.gain > LARGE_GAIN for s in said)
+    for s in said:
         faulty = s.verdict == "faulty"
         if not s.entry.faults:
             healthy.append({"file": s.entry.file, "score": s.score, "faulty": faulty})
@@ -124,7 +131,8 @@ def budget_table(found: Sequence[Said | Departure]) -> str:
             })  # fmt: skip
     off = pd.DataFrame([x for x in found if isinstance(x, Departure)], columns=Departure._fields)
     sound = pd.DataFrame(healthy, columns=["file", "score", "faulty"])
-    return printed("budget", least=LEAST_SEVERITY, faults=pd.DataFrame(faults), healthy=sound, off=off)
+    return printed("budget", least=LEAST_SEVERITY, faults=pd.DataFrame(faults), healthy=sound, off=off,
+                   large=LARGE_GAIN, silent=silent, logs=len(said))  # fmt: skip
 
 
 def printed(name: str, **found: Any) -> str:

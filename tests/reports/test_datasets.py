@@ -110,13 +110,13 @@ def entry(file: str, *, onset: float | None, severity: float = 0.5, visible: boo
 def test_what_is_lost_is_told_by_its_kind() -> None:
     leak = (("pump_wear", ("pump_wear", "internal_leakage")),)
     found = [
-        Said(entry("a", onset=0.0), "faulty", 9.0, leak),
-        Said(entry("b", onset=20.0), "faulty", 9.0, (("aeration", ("aeration",)),)),
-        Said(entry("c", onset=20.0), "healthy", 2.0, ()),
-        Said(entry("d", onset=20.0, severity=0.1), "healthy", 2.0, ()),
-        Said(entry("e", onset=20.0, visible=False), "healthy", 2.0, ()),
-        Said(entry("f", onset=None), "faulty", 6.0, leak),
-        Said(entry("g", onset=None), "healthy", 1.0, ()),
+        Said(entry("a", onset=0.0), "faulty", 9.0, 90.0, leak),
+        Said(entry("b", onset=20.0), "faulty", 9.0, 90.0, (("aeration", ("aeration",)),)),
+        Said(entry("c", onset=20.0), "healthy", 2.0, 5.0, ()),
+        Said(entry("d", onset=20.0, severity=0.1), "healthy", 2.0, 5.0, ()),
+        Said(entry("e", onset=20.0, visible=False), "healthy", 2.0, 51.0, ()),
+        Said(entry("f", onset=None), "faulty", 6.0, 90.0, leak),
+        Said(entry("g", onset=None), "healthy", 1.0, 5.0, ()),
     ]
     lines = budget_table(found).splitlines()
     (whole,) = (line for line in lines if line.startswith("| all"))
@@ -127,6 +127,7 @@ def test_what_is_lost_is_told_by_its_kind() -> None:
     assert "1.00" in start and "of 1" in start
     assert "0.50" in lines[0] and "of 2" in lines[0], "healthy logs called faulty"
     assert any("unit_000/f 6.0" in line for line in lines)
+    assert any("more than 50 nats" in line and line.endswith("1 of 7 logs.") for line in lines)
 
 
 def test_departures_are_told_over_what_is_stated() -> None:
