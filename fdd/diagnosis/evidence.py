@@ -12,7 +12,7 @@ P and μ are the unit's own prior. `fdd.diagnosis.fitting` turns amplitudes into
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -272,14 +272,7 @@ class Evidence:
         others = [n.hypothesis for n in known]
         first = np.array([time_profile_of(kind, self.frames, onset) for _, kind, onset, _ in found])
         time_profiles = np.stack([first, *(np.tile(n.time_profile, (len(found), 1)) for n in known)], axis=1)
-        columns = {}
-        for name, e in self.balances.items():
-            none = np.zeros(e.solution.size)
-            rows = [[p.columns.get(name, none) for p in (h, *others)] for h, *_ in found]
-            if np.any(rows):
-                columns[name] = np.array(rows)
-        scales = np.array([[p.scale for p in (h, *others)] for h, *_ in found])
-        parts = Parts(columns, time_profiles, scales, np.array([h.signed for h, *_ in found]))
+        parts = self._parts([[h, *others] for h, *_ in found], time_profiles)
         out = []
         fits = fit(self.balances, parts, from_start=found[0][2] == 0, stretches=self.stretches)
         for (h, kind, onset, gain), time_profile, f in zip(found, first, fits, strict=True):
@@ -287,6 +280,17 @@ class Evidence:
             out.append(Amplitude(**vars(f), hypothesis=h, time_profile=time_profile, kind=kind, onset=onset,
                                  onset_gains=gain, onsets=self.onsets))  # fmt: skip
         return out
+
+    def _parts(self, faults: Sequence[Sequence[Hypothesis]], time_profiles: Array) -> Parts:
+        """Faults, each with those that it is fitted jointly with, in the balances that any changes."""
+        columns = {}
+        for name, e in self.balances.items():
+            none = np.zeros(e.solution.size)
+            rows = [[h.columns.get(name, none) for h in each] for each in faults]
+            if np.any(rows):
+                columns[name] = np.array(rows)
+        scales = np.array([[h.scale for h in each] for each in faults])
+        return Parts(columns, time_profiles, scales, np.array([each[0].signed for each in faults]))
 
     def least_visible(self, hypotheses: Sequence[Hypothesis], onset: int, score: float) -> Array:
         """Smallest amplitude (f,) of each hypothesis that would have this score in nine of ten logs, were it
@@ -298,18 +302,12 @@ class Evidence:
             return out
         testable = [hypotheses[k] for k in mine.tolist()]
         onset = int(self.onsets[np.argmin(np.abs(self.onsets - onset))])
-        columns = {}
-        for name, e in self.balances.items():
-            rows = [[h.columns.get(name, np.zeros(e.solution.size))] for h in testable]
-            if np.any(rows):
-                columns[name] = np.array(rows)
-        overdispersion = known_scatter(self.balances, {name: g[:, 0] for name, g in columns.items()})
-        overdispersion = np.maximum(overdispersion, self.stretches.least)
         time_profiles = np.tile(time_profile_of("step", self.frames, onset), (len(testable), 1, 1))
-        scale, prior_weight = (np.array([getattr(h, x) for h in testable]) for x in ("scale", "prior_weight"))
-        parts = Parts(
-            columns, time_profiles, np.full((len(testable), 1), VAGUE), np.array([h.signed for h in testable])
-        )
+        parts = self._parts([[h] for h in testable], time_profiles)
+        scale, prior_weight = parts.scales[:, 0], np.array([h.prior_weight for h in testable])
+        parts = replace(parts, scales=np.full_like(parts.scales, VAGUE))
+        overdispersion = known_scatter(self.balances, {name: g[:, 0] for name, g in parts.columns.items()})
+        overdispersion = np.maximum(overdispersion, self.stretches.least)
         _, found, likely = under(self.balances, parts, overdispersion, from_start=onset == 0)
         blocks = np.full(len(testable), (self.frames - onset) / self.stretches.frames)
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(prior_weight)
