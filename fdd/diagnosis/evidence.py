@@ -24,9 +24,9 @@ from fdd.diagnosis.fitting import (
     Fit,
     Parts,
     Stretches,
+    by_noise_model,
     fit,
     known_scatter,
-    under,
 )
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.students_t import as_normal, freedom
@@ -308,7 +308,7 @@ class Evidence:
         parts = replace(parts, scales=np.full_like(parts.scales, VAGUE))
         overdispersion = known_scatter(self.balances, {name: g[:, 0] for name, g in parts.columns.items()})
         overdispersion = np.maximum(overdispersion, self.stretches.least)
-        _, found, likely = under(self.balances, parts, overdispersion, from_start=onset == 0)
+        _, found, likely = by_noise_model(self.balances, parts, overdispersion, from_start=onset == 0)
         blocks = np.full(len(testable), (self.frames - onset) / self.stretches.frames)
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(prior_weight)
         ratio = as_normal(wanted.clip(0.0), freedom(likely.healthy, blocks))

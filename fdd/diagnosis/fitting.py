@@ -261,7 +261,7 @@ def fit(
     overdispersion = _scatter(u, w, time_profiles[:, 0], parts.signed, known, prior_information, blocks)
     overdispersion = overdispersion.clip(stretches.least)
     # The overdispersion differs from fault to fault: gains, which are compared with each other, leave it out.
-    plain, found, likely = under(balances, parts, overdispersion, from_start=from_start)
+    plain, found, likely = by_noise_model(balances, parts, overdispersion, from_start=from_start)
     precision = found.information
     size = np.where(parts.signed, np.clip(found.size, 0.0, GREATEST), found.size)
     gain = _gain(plain, np.where(parts.signed, np.clip(plain.size, 0.0, GREATEST), plain.size))
@@ -306,7 +306,7 @@ def _gain(found: Departures, size: Array) -> Array:
     return size * found.information * (found.size - 0.5 * size)
 
 
-def under(
+def by_noise_model(
     balances: Mapping[str, BalancePosterior], parts: Parts, overdispersion: Array, *, from_start: bool
 ) -> tuple[Departures, Departures, Departures]:
     """Amplitudes with the rows' own noise, with κ times its variance, and by a quasi-likelihood.
