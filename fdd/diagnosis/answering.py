@@ -162,8 +162,8 @@ def probabilities_of(
     out = dict.fromkeys(FAMILIES, 0.0)
     free = 1.0
     for finding in faults:
-        for name, part in (finding.shares or {finding.fault: 1.0}).items():
-            out[fault(name).family] += free * finding.confidence * part
+        for family, probability in finding.by_family.items():
+            out[family] += free * probability
         free *= 1.0 - finding.confidence
     if not faults:
         doubt = model.calibration.probability(score, hidden)

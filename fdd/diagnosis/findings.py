@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 import fdd
 from fdd.errors import InputError
-from fdd.faults import FAMILIES
+from fdd.faults import CATALOGUE, FAMILIES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,6 +51,15 @@ class FaultFinding(BaseModel):
     variant: str | None = None
     next_check: str | None = None
     """What a technician does to confirm it."""
+
+    @property
+    def by_family(self) -> dict[str, float]:
+        """Probability that it is of each family that its ambiguity group has."""
+        out: dict[str, float] = {}
+        for name, share in (self.shares or {self.fault: 1.0}).items():
+            family = CATALOGUE[name].family if name in CATALOGUE else self.family
+            out[family] = out.get(family, 0.0) + self.confidence * share
+        return out
 
 
 class MethodEstimate(BaseModel):

@@ -50,7 +50,7 @@ def _features() -> dict[str, Feature]:
     for name in WEIGHED:
         title = CATALOGUE[name].title
         found[f"severity_{name}"] = Feature(
-            "1", f"fitted severity of {title}, alone; 0 where it fits nothing"
+            "1", f"fitted severity of {title}, alone; 0 where it gains too little to be fitted"
         )
         found[f"severity_{name}_std"] = Feature("1", "standard deviation of that")
         found[f"score_{name}"] = Feature("1", f"log likelihood ratio of {title} against no fault")

@@ -240,11 +240,7 @@ def likely(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     """
     present = dict(diagnosis.probabilities)
     for finding in diagnosis.faults:
-        own: dict[str, float] = {}
-        for name, share in (finding.shares or {finding.fault: 1.0}).items():
-            family = CATALOGUE[name].family if name in CATALOGUE else finding.family
-            own[family] = own.get(family, 0.0) + finding.confidence * share
-        present |= {family: max(p, present.get(family, 0.0)) for family, p in own.items()}
+        present |= {family: max(p, present.get(family, 0.0)) for family, p in finding.by_family.items()}
     finite = {k: p for k, p in present.items() if math.isfinite(p) and p >= 0.005}
     return sorted(finite.items(), key=lambda item: -item[1])
 
