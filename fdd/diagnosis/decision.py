@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.diagnosis.evidence import RAMP_FRAMES, Amplitude, Evidence
+from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.hypotheses import RECOVERED, Hypothesis, end_of
+from fdd.diagnosis.time_profiles import RAMP_FRAMES
 
 SAME_EFFECT = 0.5
 """Correlation of columns from which two hypotheses explain the same change."""
@@ -137,7 +138,10 @@ def beside_the_newest(
         if needless or lead.gain <= 0.0 or _comes_along(lead, others):
             kept = [g for g in kept if g is not f]
             continue
-        rivals = evidence.fits([h for h in hypotheses if h is not old.hypothesis], others)
+        alike = evidence.correlations(lead, hypotheses) > SAME_EFFECT
+        rivals = evidence.fits(
+            [h for h, c in zip(hypotheses, alike, strict=True) if c and h is not old.hypothesis], others
+        )
         fits = [lead, *(r for r in rivals if not _comes_along(r, others))]
         anew = _isolated(evidence, lead, fits, f.score)
         f.lead, f.shares = anew.lead, anew.shares

@@ -30,22 +30,19 @@ from fdd.diagnosis.fitting import (
 )
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.students_t import as_normal, freedom
+from fdd.diagnosis.time_profiles import KINDS, SuffixSums, time_profile_of
 from fdd.residuals.effects import Effects
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Known = tuple[tuple[int, str, int, float], ...]
 
-RAMP_FRAMES = 24
-"""Frames over which a ramp grows to its full size: 12 s."""
-DRIFT_FRAMES = 100
-"""Frames in which a drift grows by one: 50 s."""
 FREE_SPREAD = 10.0
 """Prior standard deviation of an unmodelled fault's change of a coefficient, in standard deviations from log
 to log of the healthy unit."""
 LEAST_GAIN = 2.0
 """Nats of log likelihood ratio up to which a fault is not fitted: its score, less by what a free amplitude
 gains by chance, is about 0 at most."""
-KINDS = ("step", "ramp", "drift")
 NINE_IN_TEN = 1.2816
 """90 % quantile of the standard normal distribution."""
 LEAST_BEFORE, LEAST_AFTER = 4, 6
@@ -65,68 +62,11 @@ class Amplitude(Fit):
     onsets: Array  # (k,)
 
 
-def time_profile_of(kind: str, frames: int, onset: int) -> Array:
-    """Time profile φ (frames,) of a step, ramp or drift that begins with a frame."""
-    since = np.arange(frames) - onset
-    if kind == "ramp":
-        return np.clip((since + 0.5) / RAMP_FRAMES, 0.0, 1.0)
-    if kind == "drift":
-        return np.maximum((since + 0.5) / DRIFT_FRAMES, 0.0)
-    return (since >= 0).astype(np.float64)
-
-
-class SuffixSums:
-    """Sums over frames of (h, …) times a time profile or its square, one for each onset of the profile,
-    (k, …).
-
-    They come from repeated suffix sums, so that every onset costs the same.
-    """
-
-    def __init__(self, x: Array) -> None:
-        self.one = _from_here(x)
-        self.two = _from_here(self.one)
-
-    def over(self, kind: str, onsets: Indices) -> Array:
-        """Σ φ x."""
-        if kind == "step":
-            return self.one[onsets]
-        grown = self.two - 0.5 * self.one
-        if kind == "drift":
-            return grown[onsets] / DRIFT_FRAMES
-        return (grown[onsets] - _later(grown, onsets)) / RAMP_FRAMES
-
-    def squared(self, kind: str, onsets: Indices) -> Array:
-        """Σ φ² x."""
-        if kind == "step":
-            return self.one[onsets]
-        grown = self.two - 0.5 * self.one
-        square = 2.0 * (_from_here(self.two) - self.two) + 0.25 * self.one
-        if kind == "drift":
-            return square[onsets] / DRIFT_FRAMES**2
-        # Past its end a ramp has grown by its whole length l: (k + l)² - l² = k² + 2 l k is too much.
-        past = _later(square + 2.0 * RAMP_FRAMES * grown, onsets)
-        return (square[onsets] - past) / RAMP_FRAMES**2
-
-
 def _likeliest(gain: Array) -> int:
     """Place of the largest gain over onsets; the middle one of a plateau, which frames without information
     make."""
     best = np.flatnonzero(gain >= (1.0 - 1e-6) * gain.max())
     return int(best[best.size // 2])
-
-
-def _from_here(x: Array) -> Array:
-    """Sums of (h, …) from each frame to the last."""
-    return np.asarray(np.cumsum(x[::-1], axis=0)[::-1])
-
-
-def _later(x: Array, onsets: Indices) -> Array:
-    """Values a ramp's length after onsets; none after the last frame."""
-    at = onsets + RAMP_FRAMES
-    out = np.zeros((at.size, *x.shape[1:]))
-    inside = at < len(x)
-    out[inside] = x[at[inside]]
-    return out
 
 
 class Evidence:
@@ -153,6 +93,8 @@ class Evidence:
         stretches: Stretches = Stretches(),
     ) -> None:
         self.alone: list[Amplitude] = []
+        # By the known faults that a hypothesis shares balances with, and by its identity.
+        self._kept: dict[Known, dict[int, tuple[Hypothesis, Amplitude | None]]] = {}
         self.stretches = stretches
         self.balances = {name: BalancePosterior(m, v, effects[name]) for name, (m, v) in frames.items()}
         self.frames = max((len(m) for m, _ in frames.values()), default=0)
@@ -166,9 +108,45 @@ class Evidence:
 
     def fits(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> list[Amplitude]:
         """Fit hypotheses at their likeliest onsets and time profiles, jointly with known faults; those
-        without gain are left out."""
-        testable = [h for h in hypotheses if self.shared(h)]
-        if not testable or not self.onsets.size:
+        without gain are left out.
+
+        A known fault matters to those alone that share a balance with it, be it by way of another known one,
+        and fits that nothing new matters to are kept.
+        """
+        if not self.onsets.size:
+            return []
+        groups: dict[tuple[int, ...], list[Hypothesis]] = {}
+        for h in filter(self.shared, hypotheses):
+            groups.setdefault(self._coupled(h, known), []).append(h)
+        kept: dict[int, Amplitude | None] = {}
+        for places, members in groups.items():
+            coupled = [known[i] for i in places]
+            beside = tuple((id(k.hypothesis), k.kind, k.onset, k.size) for k in coupled)
+            fits = self._kept.setdefault(beside, {})
+            new = [h for h in members if id(h) not in fits]
+            fits |= {id(h): (h, None) for h in new}
+            fits |= {id(f.hypothesis): (f.hypothesis, f) for f in self._fits(new, coupled)}
+            kept |= {id(h): fits[id(h)][1] for h in members}
+        found = [f for h in hypotheses if (f := kept.get(id(h))) is not None]
+        if not known:
+            self.alone = found
+        return found
+
+    def _coupled(self, h: Hypothesis, known: Sequence[Amplitude]) -> tuple[int, ...]:
+        """Places of the known faults in the balances of a hypothesis, and of those in the balances of
+        these."""
+        reached, places = self.balances.keys() & h.columns.keys(), set[int]()
+        while True:
+            more = [
+                i for i, k in enumerate(known) if i not in places and reached & k.hypothesis.columns.keys()
+            ]
+            if not more:
+                return tuple(sorted(places))
+            places.update(more)
+            reached |= self.balances.keys() & {n for i in more for n in known[i].hypothesis.columns}
+
+    def _fits(self, testable: Sequence[Hypothesis], known: Sequence[Amplitude]) -> list[Amplitude]:
+        if not testable:
             return []
         best: list[tuple[float, str, Array]] = [(0.0, "", self.onsets)] * len(testable)
         for kind, (mine, gains) in self._gains(testable, known).items():
@@ -181,12 +159,7 @@ class Evidence:
             if most > LEAST_GAIN
         ]
         early = self.fitted([x for x in found if x[2] == 0], known)
-        late = self.fitted([x for x in found if x[2] > 0], known)
-        order = {id(h): i for i, h in enumerate(testable)}
-        fits = sorted([*early, *late], key=lambda f: order[id(f.hypothesis)])
-        if not known:
-            self.alone = fits
-        return fits
+        return [*early, *self.fitted([x for x in found if x[2] > 0], known)]
 
     def _gains(
         self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]

@@ -29,7 +29,7 @@ class Hypothesis:
     ----------
     fault, label : of the catalogue. columns : balance to (n,) change of its coefficients per severity.
     scale : prior standard deviation of the amplitudes. signed : the amplitude cannot be negative.
-    time_profiles : of `fdd.diagnosis.evidence.time_profile_of`, that the fault may take. prior_weight : prior
+    time_profiles : of `fdd.diagnosis.time_profiles`, that the fault may take. prior_weight : prior
         weight among alike ones. ends : the fault that it is the end of.
     """
 

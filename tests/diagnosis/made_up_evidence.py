@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.evidence import Amplitude, Evidence, time_profile_of
+from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.diagnosis.time_profiles import time_profile_of
 from fdd.residuals.balance_history import marginalised
 from fdd.residuals.effects import Effects
 

@@ -9,9 +9,10 @@ import pytest
 from made_up_evidence import DRIFT, EFFECTS, FRAMES, LEAK, drawn
 
 from fdd.diagnosis.departures import VAGUE, Array, Departures, changes, departures
-from fdd.diagnosis.evidence import Evidence, time_profile_of
+from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.diagnosis.time_profiles import time_profile_of
 from fdd.residuals.bins import FRAME_S
 
 

@@ -215,6 +215,24 @@ def test_a_second_fault_is_found_beside_the_first(seed: int) -> None:
     assert rest < 6.0
 
 
+def test_known_faults_in_balances_apart_change_no_fit_and_coupled_ones_do() -> None:
+    """Against the joint normal equations of all; a third fault couples the two balances."""
+    evidence = drawn(1, [(LEAK, 0.6, 30)])
+    evidence.balances["torque"] = drawn(51, [(DRIFT, 0.5, 50)]).balances["volume"]
+    other = Hypothesis("other", "other", {"torque": DRIFT.columns["volume"]}, 0.7, True)
+    shared = dict.fromkeys(("volume", "torque"), THIRD.columns["volume"])
+    both = Hypothesis("both", "both", shared, 0.7, False)
+    leak, apart, across = evidence.fits([LEAK, other, both], [])
+    assert evidence.fits([LEAK], [apart])[0] is leak
+    for known in ([apart], [apart, across]):
+        beside = evidence.fits([LEAK], known)[0]
+        place = [(LEAK, beside.kind, beside.onset, beside.onset_gains)]
+        (joint,) = evidence.fitted(place, known)
+        for name in ("size", "variance", "gain", "reduced_chi_square", "score"):
+            assert getattr(beside, name) == pytest.approx(getattr(joint, name), rel=1e-9)
+        assert (beside.size == leak.size) == (known == [apart])
+
+
 def test_a_signed_fault_is_never_negative() -> None:
     for seed in range(10):
         found = best(drawn(seed, [(LEAK, -0.4, 40)]), LEAK)
