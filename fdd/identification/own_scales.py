@@ -1,30 +1,24 @@
-"""Are pressures and travel of a log on its own unit's scales? By the sensors' noise and counts,
-and where these are not as usual by what the log's balances identify."""
+"""Are pressures and travel of a log on its own unit's scales? By the sensors' noise and counts."""
 
 from __future__ import annotations
 
-from math import exp, hypot, log
+from math import exp, log
 
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
-from fdd.identification.judgement import BETWEEN, pressure_slip, push_of
-from fdd.identification.profile import Ratio, against_base
+from fdd.identification.profile import Ratio
 from fdd.identification.record import Record
 from fdd.identification.sensors import LEAST_ZERO, fit_sensors
-from fdd.identification.signs import NEAR, UNLIKE, against_pressure, gain_ratio, slips
+from fdd.identification.signs import NEAR, against_pressure, gain_ratio, slips
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
 
-RELIEF_OPEN, NOISE_OPEN, COUNTS_OPEN = 0.5, 0.35, 0.1
-"""Standard deviations of ln, of a relief setting that is passed, of a sensor's noise, to which motion adds,
-and of a converter's counts, which change with the span of its transducer alone."""
+NOISE_OPEN, COUNTS_OPEN = 0.35, 0.1
+"""Standard deviations of ln, of a sensor's noise, to which motion adds, and of a converter's counts, which
+change with the span of its transducer alone."""
 LEAST_SLIP = 2.5
 """No two units of one quantity are nearer to each other (`fdd.identification.signs.slips`)."""
-TURNED = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
-SURE = 4.0
-"""Standard deviations from which on a gain is another one: once in 16 000 logs, were they Gaussian."""
 
 
 def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[str]:
@@ -50,48 +44,10 @@ def own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[
     # A turned sign leaves both, but oil that flows against the pressure.
     if usual and against_pressure(record, unit, where) <= 1.0:
         return []
-    ratios, push = _ratios(samples, unit, where) | of_sensors, push_of([samples], unit)
-    notes = []
-    if slip := pressure_slip(ratios, push):
-        # It is sure where it holds whatever one sign of it is left out.
-        rest = [({n: r for n, r in ratios.items() if n != left}, push) for left in ratios] + [(ratios, 1.0)]
-        if len(ratios) > 1 and all(pressure_slip(*each) for each in rest):
-            raise InputError(slip, where=where, mend="correct it with --map")
-        notes.append(f"{slip}, unless a fault did it")
-    if unit.pump.std_of("displacement") is not None:
-        found = ratios.get("pump.displacement")
-        if found is not None:
-            ratio, same = found.value, _same_gain(found, unit)
-        else:  # but for leakage it lies between the regressions
-            ratio, same = plain, alike < UNLIKE or (plain < NEAR and plain / alike > 1.0 / NEAR)
-        if not same:
-            notes.append(
-                f"travel per rad of the pump is {ratio:.3g} times that of profile {unit.name}: the log is of "
-                "another unit, a scale in the channel map is wrong, or a fault did it"
-            )
-    if not notes:
-        return []
-    # It may not be the gain that is another one, but the pressures that are turned.
-    columns = {a: samples[b] for a, b in TURNED.items() if a in samples and b in samples}
-    if "pressure_difference" in samples:
-        columns["pressure_difference"] = -samples["pressure_difference"]
-    turned = _ratios(samples.with_columns(columns), unit, where).get("pump.displacement")
-    return [] if turned is not None and _same_gain(turned, unit) else notes
+    # What identifies imports half a second's worth of scipy, which most logs do not need.
+    from fdd.identification.own_balances import notes_by_balances
 
-
-def _ratios(samples: Samples, unit: Unit, where: str) -> dict[str, Ratio]:
-    """What the log alone identifies, over the profile's; empty where it identifies nothing."""
-    try:
-        found = identify_unit([samples], unit, labels=[where])
-    except InputError:
-        return {}
-    ratios = against_base(found, unit)
-    setting = unit.accumulator.relief_pressure
-    for row in found.table:
-        if row.quantity == "accumulator.relief_pressure" and row.identified is not None:
-            # A valve passes a little more than its setting; how far beyond, tells the pressures' scale.
-            ratios[row.quantity] = Ratio(row.identified / setting / RELIEF_EXCEEDED, 0.2, RELIEF_OPEN)
-    return ratios
+    return notes_by_balances(samples, unit, where, of_sensors, (plain, alike))
 
 
 def difference_is_made(samples: Samples) -> bool:
@@ -119,9 +75,3 @@ def _of_sensors(fits: dict[str, dict[str, float]], unit: Unit, where: str) -> di
         if ratios:
             out[name] = Ratio(exp(sum(map(log, ratios.values())) / len(ratios)), 0.0, left_open)
     return out
-
-
-def _same_gain(found: Ratio, unit: Unit) -> bool:
-    known = unit.pump.std_of("displacement") or 0.0
-    between = BETWEEN["pump.displacement"][0]
-    return abs(log(found.value)) < SURE * hypot(found.std, known / unit.pump.displacement, between)

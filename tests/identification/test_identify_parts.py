@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_units import calibration_logs, identified, random_unit
+from scipy import signal
 from scipy.signal import butter, sosfilt
 
 from fdd.identification import identify_unit
 from fdd.identification.friction import curve, fit_friction
 from fdd.identification.record import Record
-from fdd.identification.sensors import effective_noise, resolution
+from fdd.identification.sensors import effective_noise, resolution, welch
 from fdd.plant import oil as plant_oil
 from fdd.residuals.oil import air_compliance, free_air
 from fdd.samples import Samples
@@ -40,6 +41,14 @@ def test_noise_is_that_of_the_low_frequencies() -> None:
     sections = butter(6, 150.0, fs=1000.0, output="sos")
     coloured = sosfilt(sections, rng.normal(0.0, 5.0, time.size)) + 4.0 * np.sin(2 * np.pi * 355.0 * time)
     assert effective_noise(coloured, 1e-3) == pytest.approx(5.0, rel=0.12)
+
+
+@pytest.mark.parametrize("length", [64, 125])
+def test_spectral_densities_are_those_of_scipy(length: int) -> None:
+    segments = np.cumsum(np.random.default_rng(1).normal(size=(3, 500)), axis=1)
+    expected = signal.welch(segments, 500.0, nperseg=length, detrend="linear", axis=1)
+    for mine, theirs in zip(welch(segments, 2e-3, length), expected, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-12)
 
 
 def test_noise_is_taken_where_nothing_moves() -> None:
