@@ -46,7 +46,7 @@ SCAN_FRAMES, VERDICT_FRAMES = 10, 16
 """Frames between two evaluations of the evidence (5 s), and the fewest that allow a verdict (8 s)."""
 WINDOW_FRAMES = 300
 """Frames that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "19"
+STATE_VERSION = "20"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Evaluations in a minute, and how many a monitor remembers: an hour."""
 EPOCHS = Stretches(frames=1, least=1.0)
@@ -114,7 +114,8 @@ class Pipeline:
         self._epochs = 0
         self._hidden = 1.0
         """Share of faults that could not be seen, as of the last minute."""
-        self._sensor_faults = 0
+        self._told: set[tuple[str, str]] = set()
+        """Channel and kind of the sensor faults that were told."""
         self._scans: list[tuple[float, float]] = []
         self.fitted: list[Amplitude] = []
         self.score = 0.0
@@ -181,10 +182,9 @@ class Pipeline:
         return found
 
     def _sensor_alarms(self) -> list[FaultFinding]:
-        said = self._sensors.findings()
-        fresh = [sensor_fault(f) for f in said[self._sensor_faults :]]
-        self._sensor_faults = len(said)
-        return fresh
+        fresh = [f for f in self._sensors.findings() if (f.channel, f.kind) not in self._told]
+        self._told |= {(f.channel, f.kind) for f in fresh}
+        return [sensor_fault(f) for f in fresh]
 
     @property
     def standing(self) -> list[FaultFinding]:
@@ -413,7 +413,7 @@ class Pipeline:
             "first": self._first_time, "last": self._last_time, "count": self._count,
             "acute": self._acute.state(), "slow": self._slow.state(), "epochs": self._epochs,
             "hidden": self._hidden,
-            "sensor_faults": self._sensor_faults,
+            "told": sorted(self._told),
             "scans": self._scans[-SCANS_KEPT:],
         }  # fmt: skip
         out = {"pipeline": packed(scalars)}
@@ -444,5 +444,5 @@ class Pipeline:
         self._acute.restore(scalars["acute"])
         self._slow.restore(scalars["slow"])
         self._epochs, self._hidden = int(scalars["epochs"]), scalars["hidden"]
-        self._sensor_faults = scalars["sensor_faults"]
+        self._told = {(channel, kind) for channel, kind in scalars["told"]}
         self._scans = [(float(a), float(b)) for a, b in scalars["scans"]]

@@ -95,9 +95,24 @@ class SensorFindings:
         """What is reported from now on was decided in the frame until `end` (s)."""
         self.end, self.failing = end, np.zeros(len(NAMES), np.bool_)
 
+    def events(self) -> list[SensorFinding]:
+        """One for each channel and kind, as `__init__` takes them."""
+        return list(self._found.values())
+
     def by_onset(self) -> list[SensorFinding]:
-        """In the order of their onsets."""
-        return sorted(self._found.values(), key=lambda f: (f.onset_s, f.channel, f.kind))
+        """In the order of their onsets, the position's jumps taken together.
+
+        An encoder that slips to either side may come back at once, and a loose contact stay off for a while:
+        they are of the kind that more of the jumps are of. Of the pump angle both kinds are one fault.
+        """
+        out = dict(self._found)
+        if ("position", "slip") in out and ("position", "spikes") in out:
+            rare, often = sorted(("slip", "spikes"), key=lambda kind: out["position", kind].count)
+            less, more = out.pop(("position", rare)), out["position", often]
+            onset, detected = min(less.onset_s, more.onset_s), min(less.detected_s, more.detected_s)
+            count = less.count + more.count
+            out["position", often] = replace(more, onset_s=onset, detected_s=detected, count=count)
+        return sorted(out.values(), key=lambda f: (f.onset_s, f.channel, f.kind))
 
     def fail(self, k: int, kind: Kind, onset: float, size: float, evidence: str) -> None:
         """A lasting failure of channel k: reported, and the channel is not trusted from now on."""

@@ -158,7 +158,7 @@ class SensorWatch:
 
     def state(self) -> dict[str, Array]:
         """Everything as flat named arrays; `restore` takes it back."""
-        findings = [vars(f) for f in self._findings.by_onset()]
+        findings = [vars(f) for f in self._findings.events()]
         scalars = {"version": STATE_VERSION, "unit": self.unit.name, "findings": findings}
         out = {f"sensors_{name}": kept.copy() for name, kept in self._memory._asdict().items()}
         nothing = np.empty((len(NAMES), 0))

@@ -160,6 +160,19 @@ def test_an_alarm_is_told_live_once(unit: Unit, leaking: Samples) -> None:
     assert pipeline.largest_score > pipeline.threshold
 
 
+def test_a_sensor_whose_fault_turns_out_to_be_another_is_told_again(unit: Unit, leaking: Samples) -> None:
+    """A position that jumps off and back, and later jumps and stays: its encoder slips."""
+    still = {n: np.full(leaking.time.size, leaking[n][0]) for n in leaking.channels}
+    still["position"][1_000] += 2e-3
+    for row in (5_000, 8_000):
+        still["position"][row:] += 1e-3
+    pipeline = Pipeline(unit, keep_trajectories=False)
+    live = [f for block in Samples(leaking.time, still).blocks(500) for f in pipeline.push(block)]
+    assert [f.fault for f in live if f.channel == "position"] == ["sensor_dropout", "position_sensor_slip"]
+    (said,) = (f for f in pipeline.finish().faults if f.channel == "position")
+    assert (said.fault, said.onset_s) == ("position_sensor_slip", pytest.approx(1.0, abs=0.02))
+
+
 @pytest.mark.parametrize(("early", "kept"), [(8.0, False), (2.0, True)])
 def test_an_alarm_well_before_the_onset_did_not_detect_it(
     unit: Unit, leaking: Samples, early: float, kept: bool

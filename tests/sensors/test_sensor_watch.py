@@ -17,7 +17,10 @@ from fdd.plant.simulate import Simulation, simulate
 from fdd.samples import Samples
 from fdd.sensor import Sensor
 from fdd.sensors import SensorWatch
+from fdd.sensors.finding import Kind, SensorFindings
 from fdd.sensors.jumps import BREAKS_LOOSE
+from fdd.sensors.limits import POSITION
+from fdd.sensors.memory import Memory
 from fdd.sensors.statistics import excess
 from fdd.unit import Unit
 
@@ -110,13 +113,23 @@ def slips_of(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
 def test_slips_of_the_encoder(duty: str, severity: float) -> None:
     simulation = run("axis_b", "as shipped", duty, "position_sensor_slip", severity)
     times, sizes = slips_of(simulation)
-    found = {f.kind: f for f in watched(simulation.samples, simulation.unit).findings()}
-    slip = found["slip"]
-    assert (slip.channel, slip.fault) == ("position", "position_sensor_slip")
+    (slip,) = watched(simulation.samples, simulation.unit).findings()
+    assert (slip.channel, slip.kind, slip.fault) == ("position", "slip", "position_sensor_slip")
     assert np.abs(times - slip.onset_s).min() < 0.002, "the onset is one of the slips"
     assert slip.onset_s < times[2], "and one of the first"
     judged = times < 19.4
     assert slip.size == pytest.approx(sizes[judged].sum(), rel=0.35)
+
+
+@pytest.mark.parametrize(("often", "rare"), [("slip", "spikes"), ("spikes", "slip")])
+def test_jumps_of_one_sensor_have_one_cause(often: Kind, rare: Kind) -> None:
+    found = SensorFindings(Memory.new())
+    for k, kind in enumerate((rare, often, often)):
+        found.begin_frame(2.0 * k + 2.0)
+        found.report(POSITION, kind, 2.0 * k + 1.0, None, 1e-3, f"jump {k}")
+    (one,) = found.by_onset()
+    assert (one.kind, one.count, one.onset_s, one.detected_s, one.evidence) == (often, 3, 1.0, 2.0, "jump 1")
+    assert {f.kind: f.count for f in found.events()} == {rare: 1, often: 2}, "of which more may come"
 
 
 @pytest.mark.parametrize(
