@@ -46,7 +46,7 @@ SCAN_FRAMES, VERDICT_FRAMES = 10, 16
 """Frames between two evaluations of the evidence (5 s), and the fewest that allow a verdict (8 s)."""
 WINDOW_FRAMES = 300
 """Frames that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "20"
+STATE_VERSION = "21"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Evaluations in a minute, and how many a monitor remembers: an hour."""
 EPOCHS = Stretches(frames=1, least=1.0)
@@ -153,6 +153,7 @@ class Pipeline:
         self._last_time = float(samples.time[-1])
         self._count += len(samples)
         trusted = self._sensors.push(samples)
+        self._bins.jumps += self._sensors.take_jumps()
         if len(trusted) < WORTH_A_THREAD:
             self._tracked.push(trusted)
             return self._sensor_alarms() + self._weighed(trusted)

@@ -104,6 +104,9 @@ class BinMaker:
     _hidden: Array = field(default_factory=lambda: np.tile([np.nan, 0.0, np.nan], (len(DRAINS), 1)))
     _tank: float = np.nan
     """What `sure_mean_pressure` goes on from, and the accumulator's pressure as last known, Pa."""
+    jumps: list[tuple[float, float, float]] = field(default_factory=list)
+    """Begin, end and decision (s) of the position's jumps, as `fdd.sensors.SensorWatch.take_jumps` gives
+    them: no piston moved there."""
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
         """Bins of the frames that the samples complete, `together` at a time.
@@ -155,7 +158,9 @@ class BinMaker:
         rest = joined.rows(cut, len(joined))
         self._waiting = [rest] if len(rest) else []
         self.frame = until
-        return first, self._bins(joined.rows(0, cut), first, until)
+        bins = self._bins(joined.rows(0, cut), first, until)
+        self.jumps = [jump for jump in self.jumps if jump[1] >= until * FRAME_S]
+        return first, bins
 
     def state(self) -> dict[str, Array]:
         """What waits, and the filters' memory, as flat named arrays."""
@@ -163,7 +168,7 @@ class BinMaker:
             "frame": np.array([self.frame, self._first]), "seal": self._seal.copy(),
             "last": np.array(self._last), "turned": self._turned.copy(), "celsius": np.array([self._celsius]),
             "noise": self._noise.copy(), "lags": self._lags.copy(), "hidden": self._hidden.copy(),
-            "tank": np.array([self._tank]),
+            "tank": np.array([self._tank]), "jumps": np.array(self.jumps).reshape(-1, 3),
         }  # fmt: skip
         if self._waiting:
             joined = Samples.concatenate(self._waiting)
@@ -179,6 +184,7 @@ class BinMaker:
         self._last = (float(state["last"][0]), float(state["last"][1]))
         self._celsius = float(state["celsius"][0])
         self._hidden, self._tank = state["hidden"].copy(), float(state["tank"][0])
+        self.jumps = [(float(a), float(b), float(c)) for a, b, c in state["jumps"]]
         self._waiting = []
         if "time" in state:
             columns = {k.removeprefix("channel/"): v for k, v in state.items() if k.startswith("channel/")}
@@ -241,6 +247,11 @@ class BinMaker:
             for h in range(until - first):
                 self._celsius = means.get(h, self._celsius)
                 out[h * FRAME_BINS : (h + 1) * FRAME_BINS, COLUMNS["temperature"]] = self._celsius
+        for begins, ends, decided in self.jumps:
+            # What is decided later must not matter, though this block may reach as far.
+            if decided <= until * FRAME_S + 1e-9:
+                at, last = (int(np.floor(t / BIN_S)) - first * FRAME_BINS for t in (begins, ends))
+                out[max(at - 1, 0) : max(last + 2, 0), COLUMNS["position"]] = np.nan
         self._heat(out)
         self._chambers(out)
         return out

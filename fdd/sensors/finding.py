@@ -83,12 +83,14 @@ class SensorFindings:
 
     Attributes
     ----------
-    memory : what is kept of the channels. end : s, of the frame. failing : (12,) channels.
+    memory : what is kept of the channels. end : s, of the frame. failing : (12,) channels. jumps : begin, end
+        and end of the frame in which it was decided (s) of the position's jumps.
     """
 
     def __init__(self, memory: Memory, findings: Iterable[SensorFinding] = ()) -> None:
         self.memory = memory
         self._found = {(f.channel, str(f.kind)): f for f in findings}
+        self.jumps: list[tuple[float, float, float]] = []
         self.begin_frame(np.nan)
 
     def begin_frame(self, end: float) -> None:

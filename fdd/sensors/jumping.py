@@ -126,6 +126,8 @@ class JumpWatch:
     def _tell(self, k: int, jump: Jump, rows: Rows, period: float) -> None:
         report, until = self.findings.report, jump.time + jump.rows * period
         scale, unit = {ANGLE: (1.0, "rad"), POSITION: (1e3, "mm")}.get(k, (1e-6, "MPa"))
+        if k == POSITION:
+            self.findings.jumps.append((jump.time, until, self.findings.end))
         message = f"{NAMES[k]} jumps by {scale * jump.peak:.4g} {unit} at {jump.time:.3f} s"
         if k == ANGLE:
             message += f", {abs(jump.peak) / period * 60.0 / (2.0 * np.pi):.0f} rpm"

@@ -113,6 +113,11 @@ class SensorWatch:
         """Faults so far, in the order of their onsets."""
         return [f for f in self._findings.by_onset() if not f.sound]
 
+    def take_jumps(self) -> list[tuple[float, float, float]]:
+        """Begin, end and decision (s) of the position's jumps since this was last asked."""
+        taken, self._findings.jumps = self._findings.jumps, []
+        return taken
+
     def notes(self) -> list[str]:
         """What sound sensors could not show."""
         return [f.evidence for f in self._findings.by_onset() if f.sound]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -171,6 +172,20 @@ def test_a_sensor_whose_fault_turns_out_to_be_another_is_told_again(unit: Unit, 
     assert [f.fault for f in live if f.channel == "position"] == ["sensor_dropout", "position_sensor_slip"]
     (said,) = (f for f in pipeline.finish().faults if f.channel == "position")
     assert (said.fault, said.onset_s) == ("position_sensor_slip", pytest.approx(1.0, abs=0.02))
+
+
+@SHARED
+@given(seed=st.integers(0, 2**31), cuts=st.lists(st.integers(1, 31_000), max_size=6))
+def test_what_an_encoder_slips_by_is_no_oil(unit: Unit, leaking: Samples, seed: int, cuts: list[int]) -> None:
+    """Slips of a millimetre, once a second: the leak is found as without, and no other fault."""
+    rng = np.random.default_rng(seed)
+    columns = {n: leaking[n].copy() for n in leaking.channels}
+    for row in rng.integers(5_000, len(leaking) - 1_000, 25):
+        columns["position"][row:] += rng.choice([-1e-3, 1e-3])
+    log = Samples(leaking.time, columns)
+    whole = said(pushed(unit, log, []))
+    assert {f["fault"] for f in json.loads(whole)["faults"]} == {"internal_leakage", "position_sensor_slip"}
+    assert said(pushed(unit, log, cuts)) == whole
 
 
 @pytest.mark.parametrize(("early", "kept"), [(8.0, False), (2.0, True)])

@@ -47,6 +47,16 @@ def column(bins: Array, name: str) -> Array:
     return bins[:, COLUMNS[name]]
 
 
+def test_where_the_position_jumps_it_is_left_out() -> None:
+    """Bins that a jump lies in and those beside them; not what is decided after the frames were given."""
+    maker, plain = BinMaker(UNIT), bins_of(moving())
+    maker.jumps = [(0.305, 0.331, 1.0), (0.9, 0.9, 1.5), (1.2, 1.2, 2.0)]
+    bins = np.concatenate([maker.push(moving().rows(0, 1100))[1], maker.push(moving().rows(1100, 3200))[1]])
+    gone = np.flatnonzero(np.isnan(column(bins, "position")))
+    assert gone.tolist() == [29, 30, 31, 32, 33, 34, 119, 120, 121] and maker.jumps == []
+    np.testing.assert_array_equal(column(bins, "pump_angle"), column(plain, "pump_angle")[: len(bins)])
+
+
 def test_a_bin_is_the_mean_of_its_samples() -> None:
     samples = moving()
     bins = bins_of(samples)
