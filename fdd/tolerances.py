@@ -31,6 +31,9 @@ TOLERANCES: dict[str, tuple[float, str]] = {
     "accumulator.charge_pressure": (0.3, "gas at 20 to 80 °C, a charge at either end of its range, leaks"),
 }
 """Quantity to the standard deviation of its ln among units of one kind, and why."""
+RELIEF_SHUT = 0.8
+"""Of the relief setting, up to which no healthy valve passes: it cracks at nine tenths of its setting, and of
+one kind settings differ by a tenth."""
 JOINT = {
     "pump.displacement": ("pump.displacement", "cylinder.area_1"),
     "drive.torque_constant": ("drive.torque_constant", "cylinder.area_1"),

@@ -47,6 +47,12 @@ class Cylinder(Section):
     position_compliance: Annotated[float, si("1"), Field(gt=0, le=5)] = 1.0
     """How much more the chambers' compliance changes with position than ``V ± A x`` says: hoses and walls."""
 
+    @property
+    def needs_pilots(self) -> bool:
+        """Whether a chamber's valve must let oil back, since the other one takes more or less than it gives:
+        where areas differ by more than 3 %."""
+        return min(self.area_1, self.area_2) <= 0.97 * max(self.area_1, self.area_2)
+
 
 class Pump(Section):
     """Gear pump: displacement and leakage at `Oil.reference_temperature`."""

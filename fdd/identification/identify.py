@@ -16,7 +16,6 @@ from fdd.identification.sensors import fit_sensors, fit_torque_constant, gain_mi
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
 from fdd.identification.volume_steps import SMOOTHING, LogBalances, VolumeSteps, keeps_trapped_oil
 from fdd.identification.volumes import VolumeFit, fit_volumes
-from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.samples import Samples
 from fdd.sections import Provenance
 from fdd.tolerances import tolerance
@@ -150,7 +149,7 @@ def hydraulics(
     """
     base = _with_relief(out, records)
     logs = LogBalances(records, pressure)
-    if not needs_pilots(base) and any(keeps_trapped_oil(r, base, logs.noise) for r in records):
+    if not base.cylinder.needs_pilots and any(keeps_trapped_oil(r, base, logs.noise) for r in records):
         base = base.model_copy(deep=True)
         base.accumulator.refeed_pilots = False
         why = "the lower chamber keeps its oil under a higher one"
@@ -172,7 +171,7 @@ def hydraulics(
         return None
     _put_gain(out, fit)
     _put_leakage(out, fit, logs.temperature, hidden)
-    single = needs_pilots(base)
+    single = base.cylinder.needs_pilots
     blurred = HIDDEN_BULK[0 if told else 2 if single else 1] if hidden else 0.0
     of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
     # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.

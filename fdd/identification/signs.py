@@ -14,6 +14,7 @@ from fdd.identification.least_squares import huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.measures import MEASURES
 from fdd.samples import Samples
+from fdd.tolerances import RELIEF_SHUT
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -185,7 +186,7 @@ def _oil_loss(record: Record, unit: Unit, gain: float | None, gain_std: float) -
     starts = np.arange(0, len(record) - n, n)
     bad = np.concatenate(([0], np.cumsum(record.gap)))
     # Beyond the relief setting oil passes the valve, and the law is another one.
-    bad += np.concatenate(([0], np.cumsum(np.abs(drop) > 0.9 * unit.accumulator.relief_pressure)))
+    bad += np.concatenate(([0], np.cumsum(np.abs(drop) > RELIEF_SHUT * unit.accumulator.relief_pressure)))
     starts = starts[bad[starts + n] == bad[starts]]
     held = np.concatenate(([0.0], np.cumsum(drop))) * record.period
     turned, mean = theta[starts + n] - theta[starts], (held[starts + n] - held[starts]) / STEP

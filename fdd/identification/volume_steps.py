@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 
 from fdd.identification.record import Record
 from fdd.identification.sensors import effective_noise
-from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.oil import air_compliance, free_air, stiff_compliance, viscosity
 from fdd.residuals.quantities import PILOT, outlet_loss
 from fdd.unit import Oil, Unit
@@ -187,7 +186,7 @@ def volume_steps(record: Record, unit: Unit, logs: LogBalances) -> VolumeSteps:
         if not unit.accumulator.refeed_pilots:
             usable |= above > outlet_loss(unit, speed, 1) + outlet_loss(unit, speed, 2)
         usable &= calm
-        if needs_pilots(unit):
+        if unit.cylinder.needs_pilots:
             other = smooth_2 if chamber == 1 else smooth_1
             usable &= smoothed - store > PILOT * (other - store)
         for seconds in STEPS:

@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.bins import BIN_S, FRAME_BINS, GAS_S
-from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.quantities import (
     PILOT,
     VALVE_MARGIN_PA,
@@ -39,6 +38,7 @@ from fdd.residuals.quantities import (
     middle,
     outlet_loss,
 )
+from fdd.tolerances import RELIEF_SHUT
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -127,7 +127,7 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
     for side, p, drop in ((1, q.p1, q.drop - loss[1]), (2, q.p2, -q.drop - loss[2])):
         margin = np.where(drop > higher, VALVE_MARGIN_PA + loss[side], lower + loss[1] + loss[2])
         fed[side] = np.where(known, ~(p >= q.accumulator + margin), ~(drop > sure))
-    if needs_pilots(unit):
+    if unit.cylinder.needs_pilots:
         for side, p, other in ((1, q.p1, q.p2), (2, q.p2, q.p1)):
             fed[side] |= known & ~(p - q.accumulator > PILOT * (other - q.accumulator))
     starved = np.minimum(q.p1, q.p2) < LEAST_INLET_PA
@@ -171,7 +171,7 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
             scales.leakage * mid * q.dt * s1,
             scales.leakage * mid * q.dt * s2,
         ])  # fmt: skip
-        ok = ~fed[side] & (mid > 3e4) & (np.abs(q.drop) < 0.9 * scales.pressure) & ~starved
+        ok = ~fed[side] & (mid > 3e4) & (np.abs(q.drop) < RELIEF_SHUT * scales.pressure) & ~starved
         noise = np.zeros((y.size, 2, x.shape[1]))
         noise[:, 0, 1] = oil_volume * (stiff + air) * q.noise[side]
         noise[:, 0, 2] = oil_volume * AERATION * free * q.noise[side]

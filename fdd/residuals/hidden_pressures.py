@@ -20,15 +20,6 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-PLAIN = 0.97
-"""Ratio of areas from which on plain check valves feed both chambers: smaller ones need piloted valves."""
-
-
-def needs_pilots(unit: Unit) -> bool:
-    """Whether a chamber's valve must let oil back, since the other one takes more or less than it gives."""
-    return not PLAIN < unit.cylinder.area_2 / unit.cylinder.area_1 < 1.0 / PLAIN
-
-
 DRAINS = (1.0, 0.5, 2.0)
 """Case leakage over the profile's, by which the mean is followed: data sheets are off by 40 %, and no sensor
 shows how the chambers drain."""
@@ -141,7 +132,7 @@ def chambers_from_difference(
     one = np.maximum(cylinder.volume_1 + cylinder.area_1 * moved, 1e-9)
     two = np.maximum(cylinder.volume_2 - cylinder.area_2 * moved, 1e-9)
     drain = 2.0 * unit.pump.case_leakage / viscosity * np.ones_like(known)
-    if needs_pilots(unit):
+    if unit.cylinder.needs_pilots:
         drain = np.full_like(known, np.inf)
     air, index = unit.oil.air_fraction, unit.oil.polytropic_index
     oil = np.array([stiff_compliance(unit.oil), air, index, ATMOSPHERE_PA])

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.bins import COLUMNS, FRAME_BINS
-from fdd.residuals.hidden_pressures import needs_pilots
 from fdd.residuals.oil import free_air, stiff_compliance, viscosity_ratio
 from fdd.unit import Unit
 
@@ -176,7 +175,7 @@ class Quantities:
     def _share(self, side: int) -> Array | float:
         """What a chamber's pressure changes by with the measured difference, (n,): all of it while the lower
         chamber is held at the accumulator's pressure, else the less the softer it is."""
-        if needs_pilots(self.unit):
+        if self.unit.cylinder.needs_pilots:
             return 1.0
         least = self.accumulator - self.unit.accumulator.refeed_cracking_pressure
         soft = {k: c.oil * (c.stiff + c.air) for k, c in self.chambers.items()}

@@ -16,6 +16,7 @@ from estimators.eha.walk import drifts
 from estimators.observability import Observability, Observed
 from fdd.residuals.oil import viscosity_ratio
 from fdd.samples import Samples
+from fdd.tolerances import RELIEF_SHUT
 from fdd.unit import FrictionBranch, Unit
 
 Array = NDArray[np.float64]
@@ -71,7 +72,7 @@ def noise_of(unit: Unit) -> Noise:
     difference = unit.sensor("pressure_difference")
     noise.pressure_difference = difference.noise or noise.pressure_difference
     noise.initial_gain = gain_spread(unit)
-    noise.relief_pressure = 0.9 * unit.accumulator.relief_pressure
+    noise.relief_pressure = RELIEF_SHUT * unit.accumulator.relief_pressure
     if unit.estimation is not None:
         for name, value in unit.estimation.known.items():
             setattr(noise, name, value)

@@ -291,6 +291,13 @@ def cells_of(
                 if judged[j] and taken < 2:
                     limit[k] += limits.softness * _cell_range(means[j])
                     taken += 1
+            if limits.loose > 0.0:
+                # Where the load changes sides a single rod's piston runs freely for millimetres.
+                drop = means[DIFFERENCE] if judged[DIFFERENCE] else means[ONE] - means[TWO]
+                least = -widest(-np.abs(drop), BESIDE_CELLS)
+                for c in range(cells):
+                    if least[c] < limits.loose:
+                        limit[k, c] = np.inf
         else:
             if not moved.size:
                 oil = moved_oil(values[POSITION], swept, limits)

@@ -66,6 +66,8 @@ class Limits(NamedTuple):
     lightness : m/s² of the piston for each Pa of Δp, A/m.
     softness : m/Pa of the piston against the oil, with room for air.
     stiffness : Pa/m³ of the smaller chamber.
+    loose : Pa, Δp of a single-rod cylinder below which both its piloted check valves may be open, so that
+        nothing holds the piston; 0 of a cylinder of equal areas.
     """
 
     low: Array
@@ -87,6 +89,7 @@ class Limits(NamedTuple):
     stroke: float
     leakage: float
     relief: float
+    loose: float
 
     @classmethod
     def of(cls, unit: Unit) -> Limits:
@@ -131,6 +134,7 @@ class Limits(NamedTuple):
             stiffness=max(unit.oil.bulk_modulus, 1.5e9) / smaller,
             displacement=pump.displacement, area=min(areas), stroke=cylinder.stroke,
             leakage=pump.total_leakage, relief=relief,
+            loose=unit.accumulator.charge_pressure if cylinder.needs_pilots else 0.0,
         )  # fmt: skip
 
 

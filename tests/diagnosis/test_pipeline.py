@@ -97,6 +97,18 @@ def test_a_healthy_log_has_no_fault(answer: Answer, seed: int, load: str) -> Non
     assert max(found.probabilities, key=lambda k: found.probabilities[k]) == "healthy"
 
 
+@pytest.mark.parametrize("level", [4200.0, 4400.0])
+def test_a_relief_valve_that_opens_below_its_profiles_setting_is_no_fault(unit: Unit, level: float) -> None:
+    """By a seventh, under a load that keeps it near."""
+    low = Unit.load("axis_a")
+    low.accumulator.relief_pressure *= 0.86
+    load = {"name": "constant", "level": level}
+    log = simulate(low, Scenario(duration=40.0, load=load, seed=7, duty={"name": "strokes"})).samples
+    reached = np.abs(log["pressure_difference"]) > low.accumulator.relief_pressure
+    assert reached.mean() > 0.2
+    assert pushed(unit, log, []).finish().faults == []
+
+
 @SHARED
 @given(cuts=st.lists(st.integers(1, 31_000), max_size=12))
 def test_any_cut_gives_the_same_answer(unit: Unit, answer: Answer, leaking: Samples, cuts: list[int]) -> None:

@@ -121,6 +121,22 @@ def test_slips_of_the_encoder(duty: str, severity: float) -> None:
     assert slip.size == pytest.approx(sizes[judged].sum(), rel=0.35)
 
 
+@pytest.mark.parametrize(
+    ("rod", "pressure", "kinds"), [(False, 0.0, ["slip"]), (True, 0.0, []), (True, 1e6, ["slip"])]
+)
+def test_a_single_rods_piston_may_run_where_its_load_changes_sides(
+    rod: bool, pressure: float, kinds: list[str]
+) -> None:
+    """Three millimetres in 0.08 s while the pump stands: both piloted check valves may be open there."""
+    unit, still = Unit.load("axis_a"), run("axis_a", "as shipped", "standstill without control").samples
+    if rod:
+        unit.cylinder.area_2 *= 0.6
+    runs = 3e-3 * np.clip((still.time - 10.0) / 0.08, 0.0, 1.0)
+    columns = {"position": still["position"] + runs}
+    columns |= {n: still[n] + pressure for n in ("pressure_1", "pressure_difference")}
+    assert [f.kind for f in watched(still.with_columns(columns), unit).findings()] == kinds
+
+
 @pytest.mark.parametrize(("often", "rare"), [("slip", "spikes"), ("spikes", "slip")])
 def test_jumps_of_one_sensor_have_one_cause(often: Kind, rare: Kind) -> None:
     found = SensorFindings(Memory.new())
