@@ -146,6 +146,7 @@ class Evidence:
             reached |= self.balances.keys() & {n for i in more for n in known[i].hypothesis.columns}
 
     def _fits(self, testable: Sequence[Hypothesis], known: Sequence[Amplitude]) -> list[Amplitude]:
+        """As `fits`, whatever balances they share."""
         if not testable:
             return []
         best: list[tuple[float, str, Array]] = [(0.0, "", self.onsets)] * len(testable)

@@ -37,6 +37,7 @@ from fdd.residuals.quantities import (
     change,
     middle,
     outlet_loss,
+    settled,
 )
 from fdd.tolerances import RELIEF_SHUT
 
@@ -172,6 +173,8 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
             scales.leakage * mid * q.dt * s2,
         ])  # fmt: skip
         ok = ~fed[side] & (mid > 3e4) & (np.abs(q.drop) < RELIEF_SHUT * scales.pressure) & ~starved
+        if unit.cylinder.needs_pilots:
+            ok = settled(ok, PILOT_CLOSES)
         noise = np.zeros((y.size, 2, x.shape[1]))
         noise[:, 0, 1] = oil_volume * (stiff + air) * q.noise[side]
         noise[:, 0, 2] = oil_volume * AERATION * free * q.noise[side]
@@ -182,6 +185,9 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
     return out
 
 
+PILOT_CLOSES = 12
+"""Bins that a piloted check valve takes to close beyond those of a plain one: with a time constant of 20 to
+30 ms it passes a hundredth of its flow after another 0.1 s."""
 AERATION = 0.025
 """Free air of severity 1: volume at atmospheric pressure over that of oil."""
 SLIDING_M_S = 1e-3
