@@ -370,7 +370,6 @@ class Pipeline:
         now, watched = answer or self.finish(), self._tracked.observed_throughout()
         seen, _ = believed(watched, records["ekf"], self.unit, self.channels, now.faults)
         hidden = hidden_share(now.not_visible)
-        sure = np.array([self.model.calibration.probability(float(s), hidden) for s in statistic])
         return Trajectories(
             time=records["ekf"]["time"], estimates=values, stds=stds,
             observable={n: seen[n].valid for n in OBSERVABLE},
@@ -379,18 +378,35 @@ class Pipeline:
             nis={m: r["nis"] for m, r in records.items()}, window_time=time,
             feature_names=names, features=misfit, statistic=statistic, threshold=self.threshold,
             even=min(self.model.calibration.even, self.threshold),
-            probabilities=self._probabilities_over(sure, now.probabilities, hidden),
+            probabilities=self._probabilities_over(time, statistic, now, hidden),
         )  # fmt: skip
 
-    def _probabilities_over(self, sure: Array, now: dict[str, float], hidden: float) -> dict[str, Array]:
-        """Each family's probability over time: how sure it was that something is wrong, and what is said of
-        it now. What may be there and leave no trace is unknown."""
-        faulty = max(sum(p for k, p in now.items() if k != "healthy"), 1e-9)
+    def _probabilities_over(
+        self, time: Array, statistic: Array, answer: Diagnosis, hidden: float
+    ) -> dict[str, Array]:
+        """Probability over time (m,) that a fault of each family is there, or none.
+
+        From its detection on a fault counts as the answer says; before, what the statistic says is shared as
+        the answer shares it. What may be there and leave no trace is unknown.
+        """
+        said = {k: p for k, p in answer.probabilities.items() if k != "healthy"}
+        sure = np.array([self.model.calibration.probability(float(s), hidden) for s in statistic])
         quiet = self.model.calibration.probability(0.0, hidden)
         shown = np.maximum(sure - quiet, 0.0) / (1.0 - quiet)
-        out = {k: shown * (p / faulty) for k, p in now.items() if k != "healthy"}
+        out = {k: shown * (p / max(sum(said.values()), 1e-9)) for k, p in said.items()}
         out["unknown"] = out["unknown"] + sure - shown
-        return {"healthy": 1.0 - sure, **{k: out[k] for k in FAMILIES if k != "healthy"}}
+        out["healthy"] = 1.0 - sure
+        found = sorted(answer.faults, key=lambda f: f.detected_s)
+        detected = np.searchsorted([f.detected_s for f in found], time, side="right")
+        detected[-1:] = len(found)  # what the log as a whole shows is known at its end
+        for k in range(1, len(found) + 1):
+            by_then = sorted(found[:k], key=lambda f: -f.confidence)
+            present = probabilities_of(by_then, self.model, 0.0, hidden)
+            for f in by_then:  # they add up to one, so that a second fault has what the first leaves
+                present |= {family: max(p, present[family]) for family, p in f.by_family.items()}
+            for family, p in present.items():
+                out[family][detected == k] = p
+        return {k: out[k] for k in FAMILIES}
 
     def _parts(self) -> dict[str, Tracked | BinMaker | BalanceHistory | SensorWatch]:
         """What has a state of its own, by the prefix of its arrays."""

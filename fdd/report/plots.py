@@ -137,20 +137,18 @@ def _probabilities(trajectories: Trajectories) -> list[Figure]:
     table = np.column_stack([np.nan_to_num(trajectories.probabilities[n]) for n in names])
     time = bucket_means(trajectories.window_time)
     shares = 100.0 * bucket_means(table)
-    shown = [i for i, n in enumerate(names) if n == "healthy" or table[:, i].max() >= 0.02]
-    areas = [(family_title(names[i]), FAMILY_COLOURS.get(names[i], tr.GREY), shares[:, i]) for i in shown]
-    rest = shares.sum(axis=1) - shares[:, shown].sum(axis=1)
-    if rest.max() > 0.5:
-        areas.append(("Others, each under 2 %", "#DDE2E6", rest))
     data = [
         tr.scatter(
-            tr.packed(time), tr.packed(share), title, stackgroup="all", line={"width": 0.6, "color": colour},
-            fillcolor=tr.faded(colour, 0.85), hovertemplate="%{y:.0f} %",
+            tr.packed(time), tr.packed(share), family_title(name), hovertemplate="%{y:.0f} %",
+            line={"width": 2, "color": FAMILY_COLOURS.get(name, tr.GREY), "shape": "hv"},
         )
-        for title, colour, share in areas
+        for name, share in zip(names, shares.T, strict=True)
+        if name == "healthy" or share.max() >= 2.0
     ]  # fmt: skip
     layout = {**tr.layout(range=[0, 100]), "showlegend": True}
-    return [Figure("probabilities", "Probability of each fault family", data, layout, "%", wide=True)]
+    return [
+        Figure("probabilities", "Probability that each fault family is there", data, layout, "%", wide=True)
+    ]
 
 
 def _statistic(trajectories: Trajectories) -> list[Figure]:

@@ -134,6 +134,22 @@ def test_a_fault_left_out_of_the_catalogue_is_not_named(unit: Unit, leaking: Sam
     assert "internal_leakage" not in {x.fault for x in said.not_visible}
 
 
+def test_probabilities_over_time_turn_to_each_fault_as_it_is_detected(unit: Unit, leaking: Samples) -> None:
+    """A leak, and an encoder that slips once later on."""
+    slipped = leaking["position"] + 1e-3 * (leaking.time > 27.0)
+    pipeline = Pipeline(unit)
+    pipeline.push(leaking.with_columns({"position": slipped}))
+    answer = pipeline.finish()
+    over = pipeline.trajectories(answer)
+    leak, slip = sorted(answer.faults, key=lambda f: f.detected_s)
+    assert (leak.family, slip.family) == ("leakage", "sensor")
+    for fault in (leak, slip):
+        share = over.probabilities[fault.family]
+        since = int(np.searchsorted(over.window_time, fault.detected_s))
+        assert share[since - 2] < 0.6 and (share[since + 1 :] > 0.9).all()
+    assert over.probabilities["healthy"][-1] == answer.probabilities["healthy"]
+
+
 def test_trajectories_end_with_what_the_answer_says(unit: Unit, leaking: Samples) -> None:
     pipeline = Pipeline(unit)
     pipeline.push(leaking)
