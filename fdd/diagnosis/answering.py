@@ -14,7 +14,14 @@ import fdd
 from fdd.diagnosis.agreement import believed
 from fdd.diagnosis.decision import USUAL_SIZE, Found
 from fdd.diagnosis.evidence import Evidence
-from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, Invisible, MethodEstimate
+from fdd.diagnosis.findings import (
+    ESTIMATED,
+    Diagnosis,
+    Estimate,
+    FaultFinding,
+    Invisible,
+    MethodEstimate,
+)
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.model import Model
 from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, fault
@@ -171,6 +178,34 @@ def probabilities_of(
     out["healthy"] = free
     total = sum(out.values())
     return {k: round(v / total, 4) for k, v in out.items()}
+
+
+def probabilities_over(
+    time: NDArray[np.float64], statistic: NDArray[np.float64], answer: Diagnosis, model: Model, hidden: float
+) -> dict[str, NDArray[np.float64]]:
+    """Probability over time (m,) that a fault of each family is there, or none.
+
+    From its detection on a fault counts as the answer says; before, what the statistic (m,) says is shared as
+    the answer shares it. What may be there and leave no trace is unknown.
+    """
+    said = {k: p for k, p in answer.probabilities.items() if k != "healthy"}
+    sure = np.array([model.calibration.probability(float(s), hidden) for s in statistic])
+    quiet = model.calibration.probability(0.0, hidden)
+    shown = np.maximum(sure - quiet, 0.0) / (1.0 - quiet)
+    out = {k: shown * (p / max(sum(said.values()), 1e-9)) for k, p in said.items()}
+    out["unknown"] = out["unknown"] + sure - shown
+    out["healthy"] = 1.0 - sure
+    found = sorted(answer.faults, key=lambda f: f.detected_s)
+    detected = np.searchsorted([f.detected_s for f in found], time, side="right")
+    detected[-1:] = len(found)  # what the log as a whole shows is known at its end
+    for k in range(1, len(found) + 1):
+        by_then = sorted(found[:k], key=lambda f: -f.confidence)
+        present = probabilities_of(by_then, model, 0.0, hidden)
+        for f in by_then:  # they add up to one, so that a second fault has what the first leaves
+            present |= {family: max(p, present[family]) for family, p in f.by_family.items()}
+        for family, p in present.items():
+            out[family][detected == k] = p
+    return {k: out[k] for k in FAMILIES}
 
 
 def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: float) -> list[Invisible]:

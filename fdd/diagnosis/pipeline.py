@@ -18,6 +18,7 @@ from fdd.diagnosis.answering import (
     hidden_share,
     invisible,
     probabilities_of,
+    probabilities_over,
     sensor_fault,
     versions_of,
 )
@@ -29,7 +30,6 @@ from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.model import HELD_IN_DOUBT, Model
 from fdd.diagnosis.sequential_detector import SequentialDetector
 from fdd.errors import InputError
-from fdd.faults import FAMILIES
 from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.bins import FRAME_BINS, FRAME_S, BinMaker
@@ -378,35 +378,8 @@ class Pipeline:
             nis={m: r["nis"] for m, r in records.items()}, window_time=time,
             feature_names=names, features=misfit, statistic=statistic, threshold=self.threshold,
             even=min(self.model.calibration.even, self.threshold),
-            probabilities=self._probabilities_over(time, statistic, now, hidden),
+            probabilities=probabilities_over(time, statistic, now, self.model, hidden),
         )  # fmt: skip
-
-    def _probabilities_over(
-        self, time: Array, statistic: Array, answer: Diagnosis, hidden: float
-    ) -> dict[str, Array]:
-        """Probability over time (m,) that a fault of each family is there, or none.
-
-        From its detection on a fault counts as the answer says; before, what the statistic says is shared as
-        the answer shares it. What may be there and leave no trace is unknown.
-        """
-        said = {k: p for k, p in answer.probabilities.items() if k != "healthy"}
-        sure = np.array([self.model.calibration.probability(float(s), hidden) for s in statistic])
-        quiet = self.model.calibration.probability(0.0, hidden)
-        shown = np.maximum(sure - quiet, 0.0) / (1.0 - quiet)
-        out = {k: shown * (p / max(sum(said.values()), 1e-9)) for k, p in said.items()}
-        out["unknown"] = out["unknown"] + sure - shown
-        out["healthy"] = 1.0 - sure
-        found = sorted(answer.faults, key=lambda f: f.detected_s)
-        detected = np.searchsorted([f.detected_s for f in found], time, side="right")
-        detected[-1:] = len(found)  # what the log as a whole shows is known at its end
-        for k in range(1, len(found) + 1):
-            by_then = sorted(found[:k], key=lambda f: -f.confidence)
-            present = probabilities_of(by_then, self.model, 0.0, hidden)
-            for f in by_then:  # they add up to one, so that a second fault has what the first leaves
-                present |= {family: max(p, present[family]) for family, p in f.by_family.items()}
-            for family, p in present.items():
-                out[family][detected == k] = p
-        return {k: out[k] for k in FAMILIES}
 
     def _parts(self) -> dict[str, Tracked | BinMaker | BalanceHistory | SensorWatch]:
         """What has a state of its own, by the prefix of its arrays."""
