@@ -21,6 +21,7 @@ from fdd.diagnosis.findings import (
     FaultFinding,
     Invisible,
     MethodEstimate,
+    present,
 )
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.model import Model
@@ -200,10 +201,7 @@ def probabilities_over(
     detected[-1:] = len(found)  # what the log as a whole shows is known at its end
     for k in range(1, len(found) + 1):
         by_then = sorted(found[:k], key=lambda f: -f.confidence)
-        present = probabilities_of(by_then, model, 0.0, hidden)
-        for f in by_then:  # they add up to one, so that a second fault has what the first leaves
-            present |= {family: max(p, present[family]) for family, p in f.by_family.items()}
-        for family, p in present.items():
+        for family, p in present(probabilities_of(by_then, model, 0.0, hidden), by_then).items():
             out[family][detected == k] = p
     return {k: out[k] for k in FAMILIES}
 

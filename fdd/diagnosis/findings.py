@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -60,6 +60,15 @@ class FaultFinding(BaseModel):
             family = CATALOGUE[name].family if name in CATALOGUE else self.family
             out[family] = out.get(family, 0.0) + self.confidence * share
         return out
+
+
+def present(probabilities: Mapping[str, float], faults: Sequence[FaultFinding]) -> dict[str, float]:
+    """Probability of each family that it is there: the answer's own add up to one, so that a second fault has
+    what the first leaves."""
+    out = dict(probabilities)
+    for finding in faults:
+        out |= {family: max(p, out.get(family, 0.0)) for family, p in finding.by_family.items()}
+    return out
 
 
 class MethodEstimate(BaseModel):

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass, field
 
-from fdd.diagnosis.findings import ESTIMATED, Diagnosis, FaultFinding, Invisible
+from fdd.diagnosis.findings import ESTIMATED, Diagnosis, FaultFinding, Invisible, present
 from fdd.diagnosis.model import HELD_IN_DOUBT
 from fdd.faults import CATALOGUE
 from fdd.residuals.quantities import Scales
@@ -233,15 +233,9 @@ def _leaning(diagnosis: Diagnosis) -> str:
 
 
 def likely(diagnosis: Diagnosis) -> list[tuple[str, float]]:
-    """Families of at least half a percent by probability at the end of the log.
-
-    The answer's own add up to one, so that a second fault has what the first leaves: here each family has the
-    probability that it is there.
-    """
-    present = dict(diagnosis.probabilities)
-    for finding in diagnosis.faults:
-        present |= {family: max(p, present.get(family, 0.0)) for family, p in finding.by_family.items()}
-    finite = {k: p for k, p in present.items() if math.isfinite(p) and p >= 0.005}
+    """Families of at least half a percent by the probability at the end of the log that each is there."""
+    there = present(diagnosis.probabilities, diagnosis.faults)
+    finite = {k: p for k, p in there.items() if math.isfinite(p) and p >= 0.005}
     return sorted(finite.items(), key=lambda item: -item[1])
 
 
