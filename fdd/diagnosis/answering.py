@@ -77,11 +77,11 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     onset : s. span : frames of the evidence.
     """
     lead, h = found.lead, found.lead.hypothesis
-    likely = [int(k) for k in _likely(lead.onset_gains / lead.overdispersion, lead.onsets)]
+    earliest, latest = lead.onset_quantiles(0.1, 0.9)
     detected = span.end
     interval = (
-        round(min([onset, *(span.starts[k] for k in likely)]), 2),
-        round(max([onset, *(span.until(k) for k in likely)]), 2),
+        round(min(onset, span.starts[earliest]), 2),
+        round(max(onset, span.until(latest)), 2),
     )
     titles = " and ".join(BALANCES[name].title for name in h.columns)
     sure = model.calibration.probability(found.score, second=found.second)
@@ -138,13 +138,6 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
         side=h.side, variant=h.variant, channel=h.channel,
         next_check=fault(h.fault).next_check,
     )  # fmt: skip
-
-
-def _likely(gain: NDArray[np.float64], onsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Onsets within the central 80 % of the posterior, from log likelihood ratios (k,) at onsets (k,)."""
-    weight = np.exp(np.clip(gain - gain.max(), -50.0, 0.0))
-    below = np.cumsum(weight) / weight.sum()
-    return np.asarray(onsets[(below > 0.1) & (below - weight / weight.sum() < 0.9)])
 
 
 def sensor_fault(found: SensorFinding) -> FaultFinding:

@@ -56,10 +56,16 @@ class Amplitude(Fit):
 
     hypothesis: Hypothesis
     time_profile: Array  # (h,)
-    kind: str  # step, ramp or drift
+    kind: str  # of the likeliest time profile, and its onset
     onset: int
-    onset_gains: Array  # (k,) gain over onsets
+    onset_gains: Array  # (kinds, k) gains of all kinds of time profiles over onsets
     onsets: Array  # (k,)
+
+    def onset_quantiles(self, *shares: float) -> list[int]:
+        """Frames up to which shares of the posterior of the onset lie, whatever the kind of time profile."""
+        weight = np.exp((self.onset_gains - self.onset_gains.max()) / self.overdispersion).sum(axis=0)
+        below = np.cumsum(weight) / weight.sum()
+        return [int(self.onsets[np.searchsorted(below, share)]) for share in shares]
 
 
 def _likeliest(gain: Array) -> int:
@@ -149,28 +155,25 @@ class Evidence:
         """As `fits`, whatever balances they share."""
         if not testable:
             return []
-        best: list[tuple[float, str, Array]] = [(0.0, "", self.onsets)] * len(testable)
-        for kind, (mine, gains) in self._gains(testable, known).items():
-            for i, gain in zip(mine, gains, strict=True):
-                if gain.max() > (1.0 + 1e-9) * best[i][0]:  # of two equal ones, the simpler one
-                    best[i] = float(gain.max()), kind, gain
+        gains = self._gains(testable, known)
+        most = gains.max(axis=2)
+        # Of two equal ones, the simpler one.
+        best = np.argmax(most >= (1.0 - 1e-9) * most.max(axis=0), axis=0)
         found = [
-            (h, kind, int(self.onsets[_likeliest(gain)]), gain)
-            for h, (most, kind, gain) in zip(testable, best, strict=True)
-            if most > LEAST_GAIN
+            (h, KINDS[kind], int(self.onsets[_likeliest(gains[kind, i])]), gains[:, i])
+            for i, (h, kind) in enumerate(zip(testable, best.tolist(), strict=True))
+            if most[kind, i] > LEAST_GAIN
         ]
         early = self.fitted([x for x in found if x[2] == 0], known)
         return [*early, *self.fitted([x for x in found if x[2] > 0], known)]
 
-    def _gains(
-        self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]
-    ) -> dict[str, tuple[Indices, Array]]:
-        """By kind of time profile: indices of the hypotheses that allow it, and their gains (f, k) over
-        onsets."""
+    def _gains(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> Array:
+        """Gains (kinds, f, k) of hypotheses with each kind of time profile over onsets; -inf for kinds that
+        they do not take."""
         scale, signed = (np.array([getattr(h, x) for h in hypotheses]) for x in ("scale", "signed"))
-        takes = {kind: np.array([kind in h.time_profiles for h in hypotheses]) for kind in KINDS}
-        lam = {kind: np.tile(1.0 / scale**2, (self.onsets.size, 1)) for kind in KINDS}
-        b = {kind: np.zeros_like(lam[kind]) for kind in KINDS}
+        takes = np.array([[kind in h.time_profiles for h in hypotheses] for kind in KINDS])
+        lam = np.tile(1.0 / scale**2, (len(KINDS), self.onsets.size, 1))
+        b = np.zeros_like(lam)
         for name, e in self.balances.items():
             mine = np.flatnonzero([name in h.columns for h in hypotheses])
             if not mine.size:
@@ -181,19 +184,16 @@ class Evidence:
             # What the log's own coefficients absorb, by a square root of their covariance.
             given = SuffixSums(contribution @ e.root)
             scores = SuffixSums((e.rest - self._moved(name, known)) @ columns.T)
-            for kind in KINDS:
-                k = takes[kind][mine]
+            for i, kind in enumerate(KINDS):
+                k = takes[i, mine]
                 if k.any():
-                    lam[kind][:, mine[k]] += own.squared(kind, self.onsets)[:, k]
-                    lam[kind][:, mine[k]] -= np.square(given.over(kind, self.onsets)[:, k]).sum(axis=2)
-                    b[kind][:, mine[k]] += scores.over(kind, self.onsets)[:, k]
-        out = {}
-        for kind, k in takes.items():
-            size = b[kind] / lam[kind]
-            size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
-            gain = size * (b[kind] - 0.5 * lam[kind] * size)
-            out[kind] = np.flatnonzero(k), gain[:, k].T
-        return out
+                    lam[i][:, mine[k]] += own.squared(kind, self.onsets)[:, k]
+                    lam[i][:, mine[k]] -= np.square(given.over(kind, self.onsets)[:, k]).sum(axis=2)
+                    b[i][:, mine[k]] += scores.over(kind, self.onsets)[:, k]
+        size = b / lam
+        size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
+        gain = size * (b - 0.5 * lam * size)
+        return np.where(takes[..., None], np.moveaxis(gain, 1, 2), -np.inf)
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
         """Score contribution (h, n) of known faults to a balance's frames, less the nuisance shift they
@@ -239,7 +239,7 @@ class Evidence:
 
         Parameters
         ----------
-        found : hypothesis, kind of time profile, onset (0 for all, or for none) and gain over onsets.
+        found : hypothesis, kind of time profile, onset (0 for all, or for none) and gains over onsets.
         """
         if not found:
             return []

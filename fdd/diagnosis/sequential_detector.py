@@ -80,7 +80,7 @@ class SequentialDetector:
 
     def _onset(self, found: Found, span: Span, first: float) -> float:
         """s; as reported before, where the frames before it are no longer kept."""
-        k = found.lead.onset
+        (k,) = found.lead.onset_quantiles(0.5) if found.lead.onset else (0,)
         onset = max(span.starts[k], first)
         known, _ = self.active.now.get(_family(found), (None, 0))
         return min(onset, known.onset_s) if known is not None and span.lost(k) else onset
