@@ -28,7 +28,7 @@ from fdd.unit import BalanceBaseline, Baseline, Unit
 Array = NDArray[np.float64]
 
 LEAST_BASELINE_FRAMES = 10
-BASELINE_VERSION = "15"
+BASELINE_VERSION = "16"
 QUANTILES = 21
 """Quantiles of the frames' noise in a baseline: the median of all logs can still be computed when logs are
 added."""

@@ -63,6 +63,16 @@ class HealthyUnit:
         """Largest speed of the drive over 100 rad/s."""
         return self.scales.speed / 100.0
 
+    @property
+    def relief_ratio(self) -> float:
+        """Relief setting over the drop of a sound refeeding valve at the pump's full flow."""
+        return self.scales.pressure / self.scales.valve
+
+    @property
+    def charge_ratio(self) -> float:
+        """Absolute pressure of the accumulator over that drop."""
+        return self.scales.charge / self.scales.valve
+
     def mean(self, balance: str, column: str) -> float:
         """Coefficient of that column while the unit is healthy."""
         return float(self.effects[balance].mean[BALANCES[balance].columns.index(column)])

@@ -8,9 +8,9 @@ from fdd.faults.entry import DECADES, Columns, Effect, Fault, Figure, Healthy, S
 
 
 def _columns(side: int, unit: Healthy) -> Columns:
-    # Pressure below the accumulator's, measured or by its charge, over the relief setting. A sensor's bias is
-    # no such drop: by charge only rows count that its own reading puts below it.
-    return {"refeed": {f"drop_{side}": 0.05, f"low_{side}": 0.05}}
+    # Pressure below the accumulator's, measured or by its charge: vacuum is the most. A sensor's bias is no
+    # such drop: by charge only rows count that its own reading puts below it.
+    return {"refeed": {f"drop_{side}": 0.3 * unit.charge_ratio, f"low_{side}": 0.3}}
 
 
 FAULT = Fault(

@@ -140,6 +140,14 @@ class Healthy(Protocol):
     def speed_ratio(self) -> float:
         """Largest speed of the drive over 100 rad/s."""
 
+    @property
+    def relief_ratio(self) -> float:
+        """Relief setting over the drop of a sound refeeding valve at the pump's full flow."""
+
+    @property
+    def charge_ratio(self) -> float:
+        """Absolute pressure of the accumulator over that drop."""
+
     def mean(self, balance: str, column: str) -> float:
         """Coefficient of that column while the unit is healthy."""
 
@@ -188,8 +196,14 @@ def zero_signatures(label: str, zero: float, course: str) -> tuple[Signature, ..
             "dp by torque", "pressure_difference",
             lambda unit: {"torque": {"zero": -zero * unit.mean("torque", "pressure")}},
         ),
-        of("p1", "pressure_1", lambda unit: {"coherence": {"zero": -zero}, "refeed": {"drop_1": -zero}}),
-        of("p2", "pressure_2", lambda unit: {"coherence": {"zero": zero}, "refeed": {"drop_2": -zero}}),
+        of(
+            "p1", "pressure_1",
+            lambda unit: {"coherence": {"zero": -zero}, "refeed": {"drop_1": -zero * unit.relief_ratio}},
+        ),
+        of(
+            "p2", "pressure_2",
+            lambda unit: {"coherence": {"zero": zero}, "refeed": {"drop_2": -zero * unit.relief_ratio}},
+        ),
     )  # fmt: skip
 
 

@@ -11,8 +11,8 @@ volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs
 force          A_1 p_1 - A_2 p_2, by load and friction (eq. 3.30 and 5.12), over Coulomb friction
 torque         motor current by shaft torque, friction and inertia (eq. 4.10), over that at relief pressure
 coherence      measured Δp by p_1 and p_2: lines and sensors, over relief pressure
-refeed         p_c - p_i of the side that is fed: its check valve's drop, over relief pressure; where p_c is
-               not measured, how far the lower side is below charge pressure
+refeed         p_c - p_i of the side that is fed: its check valve's drop, over that at full flow; where p_c is
+               not measured, how far the lower side is below charge pressure, over that
 reservoir      gas of the accumulator and oil in the chambers: what left the circuit, in its gas volume
 drive          pump speed by the speed demanded, while the drive has torque to spare, over its largest speed
 =============  ==========================================================================================
@@ -318,12 +318,13 @@ def _refeed(q: Quantities) -> list[RegressionBlock]:
     out = []
     # Without its sensor the accumulator's pressure is a level that both sides have in common: what differs
     # between them, or begins on one, is a valve's.
-    known, hidden = (flags.astype(np.float64) for flags in (q.accumulator_measured, ~q.accumulator_measured))
+    known = q.accumulator_measured.astype(np.float64)
+    hidden = (1.0 - known) * q.scales.charge / q.scales.valve
     for side, sign, p, other, area in (
         (1, 1.0, q.p1, q.p2, q.unit.cylinder.area_1),
         (2, -1.0, q.p2, q.p1, q.unit.cylinder.area_2),
     ):
-        y = (q.accumulator - p) / q.scales.pressure
+        y = (q.accumulator - p) / q.scales.valve
         rod = sign * (area - 0.5 * (q.unit.cylinder.area_1 + q.unit.cylinder.area_2))
         inflow = np.maximum(rod * q.velocity, 0.0) / (q.unit.pump.displacement * q.scales.speed)
         s1, s2 = float(side == 1), float(side == 2)

@@ -48,13 +48,15 @@ class Scales:
 
     Attributes
     ----------
-    pressure : Pa, relief setting. leakage : m³/(s·Pa), healthy across the ports. friction : N, Coulomb,
-        with what a seal
-    needs to break away in. current : A at relief pressure. speed : rad/s, the drive's. fault_leakage :
-    m³/(s·Pa), of severity 1.
+    pressure : Pa, relief setting. charge : Pa absolute, of the accumulator. valve : Pa, drop of a sound
+        refeeding valve at the pump's full flow. leakage : m³/(s·Pa), healthy across the ports. friction : N,
+        Coulomb, with what a seal needs to break away in. current : A at relief pressure. speed : rad/s, the
+        drive's. fault_leakage : m³/(s·Pa), of severity 1. orifice : m³/(s·√Pa), the same.
     """
 
     pressure: float
+    charge: float
+    valve: float
     leakage: float
     friction: float
     current: float
@@ -72,6 +74,8 @@ class Scales:
         gross = 12e-12 if 2e6 < pressure < 5e6 else gross
         return cls(
             pressure=pressure,
+            charge=unit.accumulator.charge_pressure + ATMOSPHERE_PA,
+            valve=unit.accumulator.refeed_cracking_pressure + flow / unit.accumulator.refeed_flow_gain,
             leakage=unit.pump.total_leakage,
             friction=float(np.mean([b.coulomb for b in branches])),
             current=unit.pump.displacement * pressure / unit.drive.torque_constant,

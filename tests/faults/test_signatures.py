@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
+from fdd.diagnosis.hypotheses import HealthyUnit
 from fdd.faults import CATALOGUE, Fault, Signature
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import first_effects
@@ -29,26 +28,9 @@ WITHOUT_THEIR_OWN = {"wet": "thick oil of less severity, but for its vapour, whi
 """Variants without a signature, and why."""
 
 
-@dataclass(frozen=True)
-class TypicalUnit:
-    """A healthy unit of which only the data sheet is known."""
-
-    scales: Scales
-
-    @property
-    def leakage_ratio(self) -> float:
-        return self.scales.fault_leakage / self.scales.leakage
-
-    @property
-    def speed_ratio(self) -> float:
-        return self.scales.speed / 100.0
-
-    def mean(self, balance: str, column: str) -> float:
-        return float(first_effects(balance).mean[BALANCES[balance].columns.index(column)])
-
-
-def typical(name: str) -> TypicalUnit:
-    return TypicalUnit(Scales.of(Unit.load(name)))
+def typical(name: str) -> HealthyUnit:
+    """One of which only the data sheet is known."""
+    return HealthyUnit({n: first_effects(n) for n in BALANCES}, Scales.of(Unit.load(name)))
 
 
 def test_every_fault_has_a_signature_or_a_reason() -> None:

@@ -183,6 +183,21 @@ def test_a_chamber_that_is_fed_is_not_taken_for_closed(duty: dict[str, Any], loa
         assert (fed & taken[at]).mean() < 0.002
 
 
+@pytest.mark.parametrize("cracking", [7e3, 50e3])
+def test_a_sound_valve_drops_by_its_spring_whatever_the_relief_setting(cracking: float) -> None:
+    """The chamber that leakage empties stands where its valve opens."""
+    unit = Unit.load("axis_a").model_copy(deep=True)
+    unit.accumulator.refeed_cracking_pressure = cracking
+    drops = []
+    for unit.accumulator.relief_pressure in (3.44e6, 20e6):
+        log = simulate(unit, Scenario(duration=40.0, load={"name": "constant"}, seed=8)).samples
+        found, covariance = coefficients(log, unit, "refeed")
+        assert covariance[1, 1] < 0.02**2
+        drops.append(found[1])
+    assert drops[1] == pytest.approx(drops[0], abs=0.01)
+    assert 0.7 * cracking < drops[0] * Scales.of(unit).valve < cracking
+
+
 @pytest.mark.parametrize(("keeps", "found"), [(True, ["check_valve_stuck_open"]), (False, [])])
 def test_a_lower_chamber_that_keeps_its_oil_tells_of_its_valve(
     unit: Unit, logs: list[Samples], keeps: bool, found: list[str]
