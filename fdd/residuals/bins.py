@@ -68,6 +68,9 @@ NOISE_SHARE = (0.6, 0.95)
 DENSITY_SPREAD = 0.88
 """Relative standard deviation of a noise by the median of n frequencies of a windowed periodogram, times √n
 (by simulation)."""
+_ANGLES = np.radians(np.arange(0.0, 180.0, 30.0))
+MIXED = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
+"""Combinations of two pressures, each over its sensor's noise, that have the noise of one."""
 LOWER_QUARTILE = np.array(
     [0.0, *(-NormalDist().inv_cdf((n // 4 + 0.6) / (n + 0.2)) for n in range(1, NOISE_FRAMES + 1))]
 )
@@ -98,8 +101,9 @@ class BinMaker:
     """The oil's last known temperature: it changes slowly, and is measured seldom."""
     _lags: Array = field(default_factory=lambda: np.full(1 + len(WARMING_S), np.nan))
     """ln Pa and °C: the accumulator's mean pressure, and the oil's two mean temperatures."""
-    _noise: Array = field(default_factory=lambda: np.full((NOISE_FRAMES, len(NOISY)), np.nan))
-    """Root of the spectral density of a pressure's noise in the last frames, Pa/√Hz."""
+    _noise: Array = field(default_factory=lambda: np.full((NOISE_FRAMES, 1 + _ANGLES.size), np.nan))
+    """Root of the spectral density of noise in the last frames, over the sensors' own: of Δp, and of the
+    chambers' pressures `MIXED`."""
 
     _hidden: Array = field(default_factory=lambda: np.tile([np.nan, 0.0, np.nan], (len(DRAINS), 1)))
     _tank: float = np.nan
@@ -287,12 +291,17 @@ class BinMaker:
         """Fill the noise (standard deviation, Pa) that the mean of a bin's samples has, at this log's rate.
 
         A mean over T takes a band of 1/(2T) of the noise's spectral density. Motion only adds to that of a
-        frame, so the lower quartile of the last ten seconds' counts, less what chance alone puts it below.
+        frame, so the lower quartile of the last ten seconds' counts, less what chance alone puts it below. A
+        piston that rings on its oil moves the chambers' pressures all the time, one against the other: their
+        noise is in that combination of both that has least.
         """
         pressures = [COLUMNS[n] for n in NOISY]
+        sensors = [self.unit.sensor(n) for n in NOISY]
+        own = np.array([math.hypot(s.noise, s.resolution / math.sqrt(12.0)) for s in sensors])
+        own = own if own.all() else np.ones(len(NOISY))
         for h in np.unique(frame):
             mine = slice(*np.searchsorted(bins, [h * FRAME_BINS, (h + 1) * FRAME_BINS]))
-            samples = taken[slice(*np.searchsorted(frame, [h, h + 1])), :][:, pressures]
+            samples = taken[slice(*np.searchsorted(frame, [h, h + 1])), :][:, pressures] / own
             rate = float(np.median(count[mine])) / BIN_S
             if len(samples) >= LEAST_SAMPLES:
                 self._noise = np.concatenate([self._noise[1:], _root_density(samples, rate)[None]])
@@ -302,7 +311,8 @@ class BinMaker:
             quiet = quiet / (
                 1.0 - np.minimum(LOWER_QUARTILE[known] * DENSITY_SPREAD / math.sqrt(frequencies), 0.5)
             )
-            out[bins[mine], -len(NOISY) :] = quiet * np.sqrt(0.5 * rate / count[mine, None])
+            least = own * np.array([quiet[0], *[quiet[1:].min()] * 2])
+            out[bins[mine], -len(NOISY) :] = least * np.sqrt(0.5 * rate / count[mine, None])
 
     def _turn(self, data: Array) -> None:
         """Where one of the pump's angle and speed is not there, make it from the other."""
@@ -360,10 +370,12 @@ def _noise_band(samples: int, rate: float) -> NDArray[np.bool_]:
 
 
 def _root_density(values: Array, rate: float) -> Array:
-    """Root of a noise's spectral density (columns,), per √Hz, of (n, columns) at a rate (Hz): the median of
-    the periodogram's frequencies, as the pump's pulses and the mains are lines."""
+    """Root of a noise's spectral density (1 + 6,), per √Hz, at a rate (Hz), of the first of (n, 3) columns
+    and of the others `MIXED`: the median of the periodogram's frequencies, as the pump's pulses and the mains
+    are lines."""
     window = np.hanning(len(values))[:, None]
-    spectrum = np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)
+    spectrum = np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)[_noise_band(len(values), rate)]
+    spectrum = np.concatenate([spectrum[:, :1], spectrum[:, 1:] @ MIXED], axis=1)
     power = np.square(spectrum.real) + np.square(spectrum.imag)
-    density = np.median(power[_noise_band(len(values), rate)], axis=0) / math.log(2.0)
+    density = np.median(power, axis=0) / math.log(2.0)
     return np.asarray(np.sqrt(2.0 * density / (rate * np.sum(window**2))))
