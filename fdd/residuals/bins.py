@@ -71,6 +71,11 @@ DENSITY_SPREAD = 0.88
 _ANGLES = np.radians(np.arange(0.0, 180.0, 30.0))
 MIXED = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
 """Combinations of two pressures, each over its sensor's noise, that have the noise of one."""
+ALONE = [0, 1, 1 + _ANGLES.size // 2]
+"""Where `NOISY` stand by themselves among Δp and the `MIXED`."""
+RINGS = 1.5
+"""Noise by itself over that of the best combination, from which it is ringing: so far the ratio of two
+sensors' noise is known, as it was identified below the band."""
 LOWER_QUARTILE = np.array(
     [0.0, *(-NormalDist().inv_cdf((n // 4 + 0.6) / (n + 0.2)) for n in range(1, NOISE_FRAMES + 1))]
 )
@@ -311,8 +316,9 @@ class BinMaker:
             quiet = quiet / (
                 1.0 - np.minimum(LOWER_QUARTILE[known] * DENSITY_SPREAD / math.sqrt(frequencies), 0.5)
             )
-            least = own * np.array([quiet[0], *[quiet[1:].min()] * 2])
-            out[bins[mine], -len(NOISY) :] = least * np.sqrt(0.5 * rate / count[mine, None])
+            each, least = quiet[ALONE], quiet[1:].min()
+            each[1:] = np.where(each[1:] > RINGS * least, least, each[1:])
+            out[bins[mine], -len(NOISY) :] = own * each * np.sqrt(0.5 * rate / count[mine, None])
 
     def _turn(self, data: Array) -> None:
         """Where one of the pump's angle and speed is not there, make it from the other."""

@@ -172,7 +172,7 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
     assert against.mean() > 0.95, "friction acts against the motion"
 
 
-@pytest.mark.parametrize("ringing", [0.0, 3e4])
+@pytest.mark.parametrize("ringing", [0.0, 4e4])
 @pytest.mark.parametrize(("rate", "band_hz"), [(1000, None), (200, None), (1000, 150.0), (500, 150.0)])
 def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(
     rate: int, band_hz: float | None, ringing: float
@@ -188,13 +188,13 @@ def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(
         noise = rng.normal(scale=k * 5e3, size=time.size)
         if band_hz is not None:
             noise = sosfilt(butter(8, 1.1 * band_hz, output="sos", fs=rate), noise)
-        columns[f"pressure_{k}"] = swing + noise + (1.0, -0.8)[k - 1] * ringing * rings
+        columns[f"pressure_{k}"] = swing + noise + (1.0, -1.6)[k - 1] * ringing * rings
         unit.sensors[f"pressure_{k}"] = Sensor(noise=k * 3e3)
     bins = bins_of(Samples(time, columns), unit=unit)
     for k in (1, 2):
         alone = column(bins, f"pressure_{k}_noise")[FRAME_BINS:] * np.sqrt(rate * BIN_S)
-        # The least of six combinations lies some 7 % low by chance.
-        assert np.median(alone) == pytest.approx(k * 5e3, rel=0.25 if ringing else 0.08)
+        # Combinations are 30 degrees apart: a fifth of the ringing is left.
+        assert np.median(alone) == pytest.approx(k * 5e3, rel=0.3 if ringing else 0.06)
 
 
 @pytest.mark.parametrize("hz", [130.0, 166.3, 283.0])
