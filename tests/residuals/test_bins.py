@@ -193,8 +193,8 @@ def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(
     bins = bins_of(Samples(time, columns), unit=unit)
     for k in (1, 2):
         alone = column(bins, f"pressure_{k}_noise")[FRAME_BINS:] * np.sqrt(rate * BIN_S)
-        # Combinations are 30 degrees apart: a fifth of the ringing is left.
-        assert np.median(alone) == pytest.approx(k * 5e3, rel=0.3 if ringing else 0.06)
+        # Combinations are 30 degrees apart: a fifth of the ringing, three to six times the noise, is left.
+        assert 0.94 <= np.median(alone) / (k * 5e3) <= (1.6 if ringing else 1.06)
 
 
 @pytest.mark.parametrize("hz", [130.0, 166.3, 283.0])
