@@ -42,6 +42,19 @@ def test_logs_that_are_added_count_as_if_they_had_been_there(histories: list[Bal
         assert (std < 0.85 * std_alone).any() or not told.any(), name
 
 
+def test_what_an_older_fdd_learnt_in_another_scale_counts_for_nothing(
+    histories: list[BalanceHistory],
+) -> None:
+    unit = Unit.load("axis_a").model_copy(deep=True)
+    unit.baseline = baseline_of(histories)
+    now = effects_of(unit)
+    unit.baseline.version = "15"
+    before = effects_of(unit)
+    assert np.array_equal(before["volume"].mean, now["volume"].mean)
+    assert np.array_equal(before["refeed"].mean, first_effects("refeed").mean)
+    assert not np.array_equal(now["refeed"].mean, first_effects("refeed").mean)
+
+
 def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
     histories: list[BalanceHistory],
 ) -> None:
