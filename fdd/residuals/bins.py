@@ -107,8 +107,8 @@ class BinMaker:
     _lags: Array = field(default_factory=lambda: np.full(1 + len(WARMING_S), np.nan))
     """ln Pa and °C: the accumulator's mean pressure, and the oil's two mean temperatures."""
     _noise: Array = field(default_factory=lambda: np.full((NOISE_FRAMES, 1 + _ANGLES.size), np.nan))
-    """Root of the spectral density of noise in the last frames, over the sensors' own: of Δp, and of the
-    chambers' pressures `MIXED`."""
+    """Root of the spectral density of noise in the last frames: of Δp, and of the chambers' pressures, over
+    their sensors' own, `MIXED`."""
 
     _hidden: Array = field(default_factory=lambda: np.tile([np.nan, 0.0, np.nan], (len(DRAINS), 1)))
     _tank: float = np.nan
@@ -301,9 +301,9 @@ class BinMaker:
         noise is in that combination of both that has least.
         """
         pressures = [COLUMNS[n] for n in NOISY]
-        sensors = [self.unit.sensor(n) for n in NOISY]
-        own = np.array([math.hypot(s.noise, s.resolution / math.sqrt(12.0)) for s in sensors])
-        own = own if own.all() else np.ones(len(NOISY))
+        sensors = [self.unit.sensor(n) for n in NOISY[1:]]
+        chambers = [math.hypot(s.noise, s.resolution / math.sqrt(12.0)) for s in sensors]
+        own = np.array([1.0, *(chambers if all(chambers) else (1.0, 1.0))])
         for h in np.unique(frame):
             mine = slice(*np.searchsorted(bins, [h * FRAME_BINS, (h + 1) * FRAME_BINS]))
             samples = taken[slice(*np.searchsorted(frame, [h, h + 1])), :][:, pressures] / own
