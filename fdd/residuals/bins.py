@@ -304,21 +304,30 @@ class BinMaker:
         sensors = [self.unit.sensor(n) for n in NOISY[1:]]
         chambers = [math.hypot(s.noise, s.resolution / math.sqrt(12.0)) for s in sensors]
         own = np.array([1.0, *(chambers if all(chambers) else (1.0, 1.0))])
-        for h in np.unique(frame):
-            mine = slice(*np.searchsorted(bins, [h * FRAME_BINS, (h + 1) * FRAME_BINS]))
-            samples = taken[slice(*np.searchsorted(frame, [h, h + 1])), :][:, pressures] / own
-            rate = float(np.median(count[mine])) / BIN_S
-            if len(samples) >= LEAST_SAMPLES:
-                self._noise = np.concatenate([self._noise[1:], _root_density(samples, rate)[None]])
-            known = np.isfinite(self._noise).sum(axis=0)
-            quiet = np.take_along_axis(np.sort(self._noise, axis=0), known[None] // 4, axis=0)[0]
-            frequencies = max(int(np.sum(_noise_band(len(samples), rate))), 1)
-            quiet = quiet / (
-                1.0 - np.minimum(LOWER_QUARTILE[known] * DENSITY_SPREAD / math.sqrt(frequencies), 0.5)
-            )
-            each, least = quiet[ALONE], quiet[1:].min()
-            each[1:] = np.where(each[1:] > RINGS * least, least, each[1:])
-            out[bins[mine], -len(NOISY) :] = own * each * np.sqrt(0.5 * rate / count[mine, None])
+        frames, begin, rows = np.unique(frame, return_index=True, return_counts=True)
+        first, last = (np.searchsorted(bins, (frames + k) * FRAME_BINS) for k in (0, 1))
+        rate = np.array([np.median(count[a:b]) for a, b in zip(first, last, strict=True)]) / BIN_S
+        density, frequencies = np.empty((frames.size, 1 + _ANGLES.size)), np.ones(frames.size)
+        for n, each in np.unique(np.column_stack([rows, rate]), axis=0).tolist():
+            band = _noise_band(int(n), each)
+            mine = np.flatnonzero((rows == n) & (rate == each))
+            frequencies[mine] = max(int(np.count_nonzero(band)), 1)
+            if n >= LEAST_SAMPLES:
+                samples = taken[begin[mine, None] + np.arange(int(n))][..., pressures] / own
+                density[mine] = _root_density(samples, each, band)
+        enough = rows >= LEAST_SAMPLES
+        kept = np.concatenate([self._noise, density[enough]])
+        self._noise = kept[-NOISE_FRAMES:]
+        windows = np.sort(np.lib.stride_tricks.sliding_window_view(kept, NOISE_FRAMES, axis=0), axis=2)
+        windows = windows[np.cumsum(enough)]
+        known = np.isfinite(windows).sum(axis=2)
+        quiet = np.take_along_axis(windows, known[..., None] // 4, axis=2)[..., 0]
+        chance = LOWER_QUARTILE[known] * DENSITY_SPREAD / np.sqrt(frequencies)[:, None]
+        quiet = quiet / (1.0 - np.minimum(chance, 0.5))
+        each, least = quiet[:, ALONE], quiet[:, 1:].min(axis=1, keepdims=True)
+        each[:, 1:] = np.where(each[:, 1:] > RINGS * least, least, each[:, 1:])
+        root = own * each * np.sqrt(0.5 * rate)[:, None]
+        out[bins, -len(NOISY) :] = np.repeat(root, last - first, axis=0) / np.sqrt(count[:, None])
 
     def _turn(self, data: Array) -> None:
         """Where one of the pump's angle and speed is not there, make it from the other."""
@@ -375,13 +384,13 @@ def _noise_band(samples: int, rate: float) -> NDArray[np.bool_]:
     return (frequency >= low) & (frequency <= high)
 
 
-def _root_density(values: Array, rate: float) -> Array:
-    """Root of a noise's spectral density (1 + 6,), per √Hz, at a rate (Hz), of the first of (n, 3) columns
-    and of the others `MIXED`: the median of the periodogram's frequencies, as the pump's pulses and the mains
-    are lines."""
-    window = np.hanning(len(values))[:, None]
-    spectrum = np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)[_noise_band(len(values), rate)]
-    spectrum = np.concatenate([spectrum[:, :1], spectrum[:, 1:] @ MIXED], axis=1)
+def _root_density(values: Array, rate: float, band: NDArray[np.bool_]) -> Array:
+    """Root of a noise's spectral density (m, 1 + 6), per √Hz, at a rate (Hz), of the first of (m, n, 3)
+    columns and of the others `MIXED`: the median of the periodogram's frequencies in a band, as the pump's
+    pulses and the mains are lines."""
+    window = np.hanning(values.shape[1])[:, None]
+    spectrum = np.fft.rfft(window * (values - values.mean(axis=1, keepdims=True)), axis=1)[:, band]
+    spectrum = np.concatenate([spectrum[..., :1], spectrum[..., 1:] @ MIXED], axis=2)
     power = np.square(spectrum.real) + np.square(spectrum.imag)
-    density = np.median(power, axis=0) / math.log(2.0)
+    density = np.median(power, axis=1) / math.log(2.0)
     return np.asarray(np.sqrt(2.0 * density / (rate * np.sum(window**2))))
