@@ -1,7 +1,6 @@
 """Channel maps: where each channel of the contract stands in a foreign log, and in which unit.
 
-A map is a YAML file. Each channel names a ``column`` (CSV, Parquet) or a
-``topic`` and ``field`` (MCAP, JSON messages) and the ``unit`` it is in::
+A map is a YAML file (docs/logs.md)::
 
     name: rig 1
     axis: axis_b
@@ -9,12 +8,9 @@ A map is a YAML file. Each channel names a ``column`` (CSV, Parquet) or a
       time:       {column: t, unit: s}
       position:   {column: cyl_pos, unit: mm}
       command:    {column: drive_V, scale: 31.416, unit: rad/s}
-      pump_speed: {column: pump_rpm, unit: rpm}
-      pump_angle: {from: pump_speed, period: 0.001}
+      pump_angle: {from: pump_speed}
 
-The channels may also stand at the top level, without ``channels:``. The value in
-SI is ``unit * (scale * sign * raw + offset)``: `unit` is the unit of measure
-*after* scale and offset; without one it is the channel's SI unit.
+The channels may also stand at the top level, without ``channels:``.
 """
 
 from __future__ import annotations
@@ -39,25 +35,20 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class ChannelSource(BaseModel):
-    """Where one channel comes from.
+    """Where one channel comes from; in SI it is ``unit * (scale * sign * raw + offset)``.
 
     Attributes
     ----------
-    column : column of a CSV or Parquet file.
-    topic, field : MCAP topic, and the field in its JSON messages (dots go
-        deeper: ``motor.w``). A time channel without a field is the log time.
-    unit : unit of measure of ``scale * sign * raw + offset``.
-    scale, offset, sign : linear conversion of the raw number.
-    wrap : raw counts per turn of an angle that starts again at 0: it is
-        unwrapped before it is scaled.
-    sign_of : a second column (or field of the same topic) whose sign is the
-        direction, where a pump turns one way and a valve chooses the direction.
-        An angle is accumulated with it, anything else multiplied by it.
+    column : of any log but MCAP.
+    topic, field : MCAP topic, and the field in its messages (dots go deeper: ``motor.w``). A time without a
+        field is the log time.
+    unit : of what scale and offset give; the channel's SI unit without one.
+    wrap : raw counts per turn of an angle that starts again at 0: it is unwrapped before it is scaled.
+    sign_of : a second column (or field of the same topic) whose sign is the direction, where a pump turns
+        one way and a valve chooses it. An angle is accumulated with it, anything else multiplied by it.
     from_ : written ``from``: ``pump_angle: {from: pump_speed}`` accumulates the angle from the speed,
         ``pump_speed: {from: command}`` takes the demanded speed for the measured one.
     delay : s by which the channel comes late in the log; it is taken out.
-    period : s; with `from`, the sampling period that one speed sample stands
-        for. Without it, the log's own nominal period.
     """
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
@@ -72,7 +63,6 @@ class ChannelSource(BaseModel):
     wrap: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     sign_of: str | None = None
     from_: Literal["pump_speed", "command"] | None = Field(default=None, alias="from")
-    period: Annotated[float, Field(gt=0, le=1)] | None = None
     delay: Annotated[float, Field(ge=-10, le=10)] = 0.0
 
     @model_validator(mode="after")
@@ -82,9 +72,7 @@ class ChannelSource(BaseModel):
             raise ValueError(f"give one of column, topic or from (given: {', '.join(given) or 'none'})")
         if self.field is not None and self.topic is None:
             raise ValueError("field needs a topic")
-        if self.period is not None and self.from_ is None:
-            raise ValueError("period goes with 'from: pump_speed' only")
-        if self.from_ is not None and (more := self.model_fields_set - {"from_", "period"}):
+        if self.from_ is not None and (more := self.model_fields_set - {"from_"}):
             raise ValueError(f"{sorted(more)[0]} does not go with from")
         if self.scale == 0.0:
             raise ValueError("scale is 0")
@@ -140,16 +128,13 @@ class ChannelMap(BaseModel):
         kinds: set[str] = set()
         for channel, source in self.channels.items():
             if channel not in CHANNELS:
-                raise ValueError(
-                    f"unknown channel {channel!r}{did_you_mean(channel, CHANNELS)}; "
-                    f"the channels are: {', '.join(CHANNELS)}"
-                )
+                problem = f"unknown channel {channel!r}{did_you_mean(channel, CHANNELS)}"
+                raise ValueError(f"{problem}; the channels are: {', '.join(CHANNELS)}")
             source.measure_of(channel)
             if source.from_ is not None:
                 if (channel, source.from_) not in _MADE:
-                    raise ValueError(
-                        f"{channel}: 'from' makes pump_angle of pump_speed, or pump_speed of command"
-                    )
+                    told = "'from' makes pump_angle of pump_speed, or pump_speed of command"
+                    raise ValueError(f"{channel}: {told}")
                 if source.from_ not in self.channels:
                     raise ValueError(f"{channel}: is made from {source.from_}, which the map does not give")
                 continue
@@ -187,20 +172,18 @@ class ChannelMap(BaseModel):
             raise error.at(where) from None
 
 
-def _gathered(data: dict[Any, Any]) -> dict[str, Any]:
+def _gathered(data: dict[str, Any]) -> dict[str, Any]:
     """Bring the short form (channels at the top level) into the long one."""
-    plain = {str(k): v for k, v in data.items()}
-    if "channels" in plain:
-        if not isinstance(plain["channels"], dict):
+    others = [key for key in data if key not in _HEAD]
+    if "channels" in data:
+        if not isinstance(data["channels"], dict):
             raise InputError("channels: not a mapping", mend="write one line per channel below it")
-        stray = [k for k in plain if k not in _HEAD]
-        if stray:
-            if stray[0] not in CHANNELS and (near := did_you_mean(stray[0], _HEAD)):
-                raise InputError(f"unknown key {stray[0]!r}{near}")
-            raise InputError(f"{stray[0]!r} stands beside channels:", mend="move it below channels:")
-        return {**plain, "channels": {str(k): v for k, v in plain["channels"].items()}}
-    for key, below in plain.items():
-        if key not in _HEAD and isinstance(below, dict) and all(isinstance(v, dict) for v in below.values()):
+        if others:
+            if others[0] not in CHANNELS and (near := did_you_mean(others[0], _HEAD)):
+                raise InputError(f"unknown key {others[0]!r}{near}")
+            raise InputError(f"{others[0]!r} stands beside channels:", mend="move it below channels:")
+        return data
+    for key in others:
+        if isinstance(data[key], dict) and all(isinstance(v, dict) for v in data[key].values()):
             raise InputError(f"unknown key {key!r}{did_you_mean(key, _HEAD)}")
-    head = {k: v for k, v in plain.items() if k in _HEAD}
-    return {**head, "channels": {k: v for k, v in plain.items() if k not in _HEAD}}
+    return {k: data[k] for k in data if k in _HEAD} | {"channels": {k: data[k] for k in others}}

@@ -44,14 +44,13 @@ def feeds_of(
     """
     messages = isinstance(log, McapFile)
     if messages and log.truncated and not log.signals:
-        problem = "cut off before its first message can be read"
-        raise InputError(problem, where=log.path, mend="record or copy it again")
+        raise InputError("cut off before its first message can be read", mend="record or copy it again")
     if channel_map is None:
         return _measurement(log, axis) if isinstance(log, McapFile) else (_named(log), axis)
     if messages and not channel_map.reads_mcap:
-        raise InputError("the map names columns, but this is an MCAP file", where=log.path, mend="map topics")
+        raise InputError("the map names columns, but this is an MCAP file", mend="map topics")
     if not messages and channel_map.reads_mcap:
-        raise InputError("the map names topics, but this is a table", where=log.path, mend="map columns")
+        raise InputError("the map names topics, but this is a table", mend="map columns")
 
     def found(source: ChannelSource, name: str | None) -> Signal:
         return log.field(str(source.topic), name) if isinstance(log, McapFile) else log.find(str(name))
@@ -73,9 +72,9 @@ def _with_unit(channel: str, source: ChannelSource, signal: Signal) -> ChannelSo
     return source.model_copy(update={"unit": signal.unit})
 
 
-def _unusable(log: LogFile, problem: str, there: str) -> InputError:
+def _unusable(problem: str, there: str) -> InputError:
     mend = f"make a map with fdd map and give it with --map{there}"
-    return InputError(f"no usable channels{problem}", where=log.path, mend=mend)
+    return InputError(f"no usable channels{problem}", mend=mend)
 
 
 def _named(log: LogFile) -> dict[str, Feed]:
@@ -87,9 +86,9 @@ def _named(log: LogFile) -> dict[str, Feed]:
             found[channel] = log.find(channel)
     fed = next((signal for channel, signal in found.items() if channel != "time"), None)
     if fed is None:
-        raise _unusable(log, "", f"; its columns are: {listed(log.signals)}")
+        raise _unusable("", f"; its columns are: {listed(log.signals)}")
     if "time" not in found and log.stamps(fed.clock) is None:
-        raise InputError("no column 'time'", where=log.path, mend="say with --map which column is the time")
+        raise InputError("no column 'time'", mend="say with --map which column is the time")
     return {c: Feed(_with_unit(c, ChannelSource(column=s.name), s), s) for c, s in found.items()}
 
 
@@ -98,32 +97,29 @@ def _measurement(log: McapFile, axis: str | None) -> tuple[dict[str, Feed], str]
     axes = [found["axis"] for t in log.topics if (found := AXIS_TOPIC.match(t))]
     if not axes:
         there = f"it has: {listed(log.topics)}" if log.topics else "it has no topics"
-        raise _unusable(log, ": no topic /eha/<axis>/measurement", f" ({there})")
+        raise _unusable(": no topic /eha/<axis>/measurement", f" ({there})")
     if axis is not None and axis not in axes:
-        raise InputError(f"no axis {axis!r}", where=log.path, mend=f"the file has: {listed(axes)}")
+        raise InputError(f"no axis {axis!r}", mend=f"the file has: {listed(axes)}")
     if axis is None and len(axes) > 1:
-        raise InputError(f"{len(axes)} axes: {listed(axes)}", where=log.path, mend="choose one with --axis")
+        raise InputError(f"{len(axes)} axes: {listed(axes)}", mend="choose one with --axis")
     chosen = axis or axes[0]
     topic = f"/eha/{chosen}/measurement"
     if topic in log.reasons:
         log.field(topic, "position")
     fields = {str(s.field): s for s in log.signals.values() if s.topic == topic}
     if not fields:
-        mend = "the file may be cut off: record or copy it again"
-        raise InputError("no message could be read", where=log.path, mend=mend)
+        raise InputError("no message could be read", mend="the file may be cut off: record or copy it again")
     feeds = {c: Feed(ChannelSource(topic=topic, field=c), fields[c]) for c in CHANNELS if c in fields}
     if not set(feeds) - {"time"}:
-        raise _unusable(log, "", f"; its fields are: {listed(fields)}")
+        raise _unusable("", f"; its fields are: {listed(fields)}")
     return feeds, chosen
 
 
 def to_si(channel: str, source: ChannelSource, raw: Column, direction: Column | None = None) -> Column:
     """One channel in its SI unit, (n,): unwrap, give direction, scale, convert.
 
-    Parameters
-    ----------
-    channel, source : its name in the contract, and the map's entry.
-    raw, direction : (n,) numbers as they stand in the log, and those of the column named by ``sign_of``.
+    `source`: the map's entry. `raw`, `direction`: (n,) numbers as they stand in the log, and those of the
+    column named by ``sign_of``.
     """
     unit = source.measure_of(channel)
     values = raw if source.wrap is None else unwrap_counts(raw, source.wrap)
@@ -143,14 +139,10 @@ def unwrap_counts(raw: Column, wrap: float) -> Column:
 
 
 def directed(raw: Column, direction: Column, *, accumulate: bool) -> Column:
-    """Give a quantity the sign of another one, e.g. of a directional valve.
+    """Give a quantity, (n,), NaN where missing, the sign of another one, e.g. of a directional valve.
 
-    Parameters
-    ----------
-    raw : (n,) values; NaN where missing.
-    direction : (n,) only its sign counts; NaN keeps the last sign. Before the first one a value is missing,
-        and an angle stands.
-    accumulate : True for an angle: each step takes the sign of the row it ends in. False multiplies values.
+    `direction`: (n,) only its sign counts; NaN keeps the last sign. Before the first one a value is missing,
+    and an angle stands. `accumulate`: for an angle, of which each step takes the sign of the row it ends in.
     """
     known = np.where(np.isfinite(direction), np.arange(direction.size), -1)
     last = np.maximum.accumulate(known) if known.size else known
@@ -172,9 +164,7 @@ def accumulate_speed(time: Column, speed: Column, period: float) -> Column:
     Missing rows and NaN are bridged by the mean of their neighbours times the periods missed, up to
     `LONGEST_BRIDGE`.
 
-    Parameters
-    ----------
-    time, period : (n,) s, increasing; s. speed : (n,) rad/s, NaN where missing.
+    `time`: (n,) s, increasing. `speed`: (n,) rad/s, NaN where missing. `period`: s.
 
     Returns (n,) rad, 0 at the first row that has a speed; NaN where the speed is NaN.
     """

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fdd.logs.formats.signals import LogFile
 from fdd.logs.names import grows, is_time_name, time_unit, unit_in_name
-from fdd.measures import MEASURES
+from fdd.measures import measure
 from fdd.samples import Column
 
 _BARS = "▁▂▃▄▅▆▇█"
-PICTURE_COLUMNS = 32
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class SignalView:
     middle: float
     high: float
     values: Column
-    problem: str = ""
+    problem: str
 
 
 def inspect(log: LogFile) -> list[SignalView]:
@@ -52,15 +51,20 @@ def inspect(log: LogFile) -> list[SignalView]:
     except ValueError:
         read = {}  # one by one, to tell which
     for signal in log.signals.values():
-        unit = signal.unit or unit_in_name(signal.name) or ""
+        rate, gap, problem = np.nan, np.nan, ""
         try:
             values = read[signal.name] if read else log.read([signal.name])[signal.name]
             if signal.clock not in clocks:
                 clocks[signal.clock] = _clock(log, signal.clock)
-            out.append(_view(signal.name, unit, values, *clocks[signal.clock]))
+            rate, gap = clocks[signal.clock]
         except ValueError as error:
-            text = str(error).removeprefix(f"{log.path}: ")
-            out.append(replace(_view(signal.name, unit, np.empty(0)), problem=text))
+            values, problem = np.empty(0), str(error).removeprefix(f"{log.path}: ")
+        there = values[np.isfinite(values)]
+        spread = np.percentile(there, [0, 50, 100], overwrite_input=True) if there.size else (np.nan,) * 3
+        low, middle, high = map(float, spread)
+        unit, missing = signal.unit or unit_in_name(signal.name) or "", values.size - there.size
+        about = (signal.name, unit, values.size, missing)
+        out.append(SignalView(*about, rate, gap, low, middle, high, values, problem))
     return out
 
 
@@ -72,21 +76,14 @@ def _clock(log: LogFile, clock: str) -> tuple[float, float]:
             values = log.read([signal.name])[signal.name]
             if grows(values):
                 step = float(np.median(np.diff(values[np.isfinite(values)])))
-                stamps = values * MEASURES[time_unit(signal.name, signal.unit, step)].factor
+                stamps = values * measure(time_unit(signal.name, signal.unit, step), "time").factor
                 break
     steps = np.diff(stamps[np.isfinite(stamps)]) if stamps is not None else np.empty(0)
     usual = float(np.median(steps)) if steps.size else np.nan
     return 1.0 / usual if usual > 0.0 else np.nan, float(steps.max()) if steps.size else np.nan
 
 
-def _view(name: str, unit: str, values: Column, rate: float = np.nan, gap: float = np.nan) -> SignalView:
-    there = values[np.isfinite(values)]
-    spread = np.percentile(there, [0, 50, 100], overwrite_input=True) if there.size else (np.nan,) * 3
-    low, middle, high = map(float, spread)
-    return SignalView(name, unit, values.size, values.size - there.size, rate, gap, low, middle, high, values)
-
-
-def picture(values: Column, columns: int = PICTURE_COLUMNS) -> str:
+def picture(values: Column, columns: int) -> str:
     """A line of bars: the mean of each part between the least and the greatest.
 
     Examples

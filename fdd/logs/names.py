@@ -101,9 +101,7 @@ def grows(values: Column) -> bool:
 def time_unit(name: str, unit: str | None, step: float) -> str:
     """The unit of a time: the file's, the one in its name, or one by which its step is that of a log.
 
-    Parameters
-    ----------
-    name, unit : of the signal, as the file has them. step : usual one between rows, in that unit.
+    A log is not slower than 50 Hz. `step`: usual one between rows, in that unit.
 
     Examples
     --------
@@ -111,6 +109,6 @@ def time_unit(name: str, unit: str | None, step: float) -> str:
     ('ms', 'ms', 's')
     """
     for said in (unit, unit_in_name(name)):
-        if said in MEASURES and find_measure(said, "time") is not None:
+        if said and find_measure(said, "time") is not None:
             return said
     return next((u for u in ("s", "ms", "us", "ns") if step * MEASURES[u].factor <= 0.0201), "s")

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.logs.channel_map import ChannelMap, ChannelSource
+from fdd.logs.channel_map import ChannelMap
 from fdd.logs.conversion import Feed, accumulate_speed, feeds_of, to_si
 from fdd.logs.formats import LogFile, open_log
 from fdd.logs.formats.mcap import McapFile
-from fdd.logs.formats.signals import Signal, system_error
+from fdd.logs.formats.signals import Signal, told_with
 from fdd.logs.quality import (
     DataQuality,
     check_magnitudes,
@@ -91,7 +91,7 @@ def read_log(
     """
     path = Path(path)
     channel_map = map if isinstance(map, ChannelMap | None) else ChannelMap.load(map)
-    try:
+    with told_with(path):
         file = open_log(path, channel_map.csv if channel_map else None)
         feeds, chosen = feeds_of(file, channel_map, axis)
         raw, columns, of_file = _on_one_time_base(file, feeds)
@@ -99,10 +99,7 @@ def read_log(
         for name in columns if rows.size < raw.size else ():
             columns[name] = columns[name][rows]
         del raw, rows
-        notes = [*file.notes]
-        if isinstance(file, McapFile) and file.damaged:
-            notes.append(f"{file.damaged} damaged chunks were left out (checksum or compression is wrong)")
-        notes += told
+        notes = file.notes + told
         first = float(time[0])
         if first > max(TIME_OF_DAY_S, 10.0 * float(time[-1] - time[0])):
             notes.append(f"the clock starts at {first:.3f} s; times are counted from there")
@@ -111,17 +108,14 @@ def read_log(
             notes.insert(0, f"file is truncated: read up to t={time[-1]:.3f} s")
         start_ns = file.start_ns - (0 if of_file or not file.start_ns else round(float(time[0]) * 1e9))
         units = {c: f.source.unit for c, f in feeds.items() if f.source.unit is not None}
-        made = {} if channel_map is None else channel_map.channels
-        samples, quality = _judged(time, columns, made, units, shortest)
+        speed = None if channel_map is None else channel_map.channels.get("pump_speed")
+        demanded = speed is not None and speed.from_ == "command"
+        samples, quality = _judged(time, columns, units, shortest, demanded=demanded)
         quality.notes[:0] = notes
         metadata, profiles = file.metadata, file.metadata.get("unit", {})
         if chosen is not None and "yaml" not in profiles and chosen in profiles:  # of a run of several axes
             metadata = {**metadata, "unit": {**profiles, "yaml": profiles[chosen]}}
         return Log(samples, quality, path.name, chosen, metadata, start_ns)
-    except InputError as error:
-        raise (error if error.where == str(path) else error.at(path)) from None
-    except OSError as error:
-        raise system_error(error, path) from None
 
 
 def _on_one_time_base(file: LogFile, feeds: dict[str, Feed]) -> tuple[Column, dict[str, Column], bool]:
@@ -144,7 +138,7 @@ def _on_one_time_base(file: LogFile, feeds: dict[str, Feed]) -> tuple[Column, di
     }
     mapped = columns.pop("time", None)
     if not columns:
-        raise InputError("no usable channels: the map gives a time alone", where=file.path)
+        raise InputError("no usable channels: the map gives a time alone")
     # One row without its time would be lost; the file's own stamps serve all of them.
     if mapped is not None and isinstance(file, McapFile) and not np.isfinite(mapped).all():
         mapped = None
@@ -154,18 +148,15 @@ def _on_one_time_base(file: LogFile, feeds: dict[str, Feed]) -> tuple[Column, di
     at = file.stamps(main)
     rows_at = mapped if at is None else at
     if rows_at is None:
-        raise InputError("no time", where=file.path, mend="say with --map which column is the time")
+        raise InputError("no time", mend="say with --map which column is the time")
     for channel, values in columns.items():
         clock, late = feeds[channel].signal.clock, feeds[channel].source.delay
         if clock == main and late == 0.0:
             continue
         own = rows_at if clock == main else file.stamps(clock)
         if own is None or (clock != main and at is None):
-            raise InputError(
-                f"channel {channel} has {values.size} rows, the time has {rows.get(main, 0)}",
-                where=file.path,
-                mend="map channels of one rate, or a file that has a time for each",
-            )
+            problem = f"channel {channel} has {values.size} rows, the time has {rows.get(main, 0)}"
+            raise InputError(problem, mend="map channels of one rate, or a file that has a time for each")
         columns[channel] = aligned(rows_at, own - late, values)
     return (rows_at, columns, True) if mapped is None else (mapped, columns, False)
 
@@ -173,14 +164,9 @@ def _on_one_time_base(file: LogFile, feeds: dict[str, Feed]) -> tuple[Column, di
 def as_log(samples: Samples, axis: str | None = None, *, shortest: float = 2.0) -> Log:
     """Samples at hand as `read_log` would give them from a file.
 
-    Parameters
-    ----------
-    samples : channels in SI, those that a diagnosis needs among them.
-    axis : what the answer calls the axis. shortest : s; a shorter log is refused.
+    `axis`: what the answer calls it. `shortest`: s; a shorter log is refused.
 
-    Raises
-    ------
-    InputError : too short, a channel missing, or of a size that tells another unit of measure.
+    Raises InputError: too short, a channel missing, or of a size that tells another unit of measure.
 
     Examples
     --------
@@ -189,18 +175,14 @@ def as_log(samples: Samples, axis: str | None = None, *, shortest: float = 2.0) 
     >>> log.samples.channels, log.quality.period
     (('position', 'pump_speed', 'pressure_difference', 'pump_angle'), 0.001)
     """
-    made, quality = _judged(samples.time, samples.columns, {}, {}, shortest)
+    made, quality = _judged(samples.time, samples.columns, {}, shortest)
     return Log(made, quality, "samples", axis)
 
 
 def _judged(
-    time: Column,
-    columns: dict[str, Column],
-    made: dict[str, ChannelSource],
-    units: dict[str, str],
-    shortest: float,
+    time: Column, columns: dict[str, Column], units: dict[str, str], shortest: float, demanded: bool = False
 ) -> tuple[Samples, DataQuality]:
-    """Channels that a diagnosis can use, and what is odd about them; `made`: the map's sources."""
+    """Channels that a diagnosis can use, and what is odd; `demanded`: the command stands in for the speed."""
     quality = check_time(time, shortest)
     notes: list[str] = []
     empty = []
@@ -211,24 +193,21 @@ def _judged(
         if not np.isfinite(values).any():
             empty.append(channel)
             del columns[channel]
-    absent = missing_required({*columns, *(n for n, s in made.items() if s.from_ in columns)})
-    if absent:
+    demanded = demanded and "command" in columns and "pump_speed" not in columns
+    if absent := missing_required({*columns, *(["pump_speed"] if demanded else [])}):
         silent = f" ({', '.join(empty)} without a single value)" if empty else ""
-        raise InputError(
-            f"missing channels: {', '.join(absent)}{silent}",
-            mend="record them, or name their columns with --map",
-        )
+        mend = "record them, or name their columns with --map"
+        raise InputError(f"missing channels: {', '.join(absent)}{silent}", mend=mend)
     check_magnitudes(columns, units)
     recorded = set(columns)
-    if "pump_speed" not in columns and "pump_speed" in made and made["pump_speed"].from_ == "command":
+    if demanded:
         columns["pump_speed"] = columns["command"]
         quality.notes.append(
             "pump_speed: not measured, the command stands in for it: "
             "what the drive does not follow looks like a leak"
         )
     if "pump_angle" not in columns:
-        stands_for = made["pump_angle"].period if "pump_angle" in made else None
-        columns["pump_angle"] = accumulate_speed(time, columns["pump_speed"], stands_for or quality.period)
+        columns["pump_angle"] = accumulate_speed(time, columns["pump_speed"], quality.period)
     if "pressure_difference" not in columns:
         columns["pressure_difference"] = columns["pressure_1"] - columns["pressure_2"]
     slow = set()

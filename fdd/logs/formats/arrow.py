@@ -25,7 +25,6 @@ class ArrowFile(LogFile):
     rows: int = 0
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """See `LogFile.read`."""
         import pyarrow as pa
 
         wanted = list(dict.fromkeys(names))

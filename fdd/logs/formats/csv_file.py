@@ -15,7 +15,7 @@ from fdd.bounds import limit, raised
 from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats.arrow import doubles
-from fdd.logs.formats.signals import LogFile, Signal, damaged, require_size
+from fdd.logs.formats.signals import LogFile, Signal, readable, require_size
 from fdd.logs.formats.text_layout import (
     MISSING,
     Layout,
@@ -62,25 +62,21 @@ class CsvFile(LogFile):
     dated: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def place(self, row: int) -> str:
-        """The line of row `row`."""
         return f"line {self.layout.first_line + 1 + row}"
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """See `LogFile.read`: a cell that is no number is named by line and column."""
         import pyarrow as pa
 
         parts = {name: self.dated.get(name, (name,)) for name in names}
         stamped = {n for n in parts if n in self.dated or stamp_kind(self.cells[n])}
         columns = list(dict.fromkeys(c for of in parts.values() for c in of))
         texts = {c for n in stamped for c in parts[n]}
-        try:
+        with readable("not a table of numbers", self.path, "repair that row"):
             try:
                 table = self._parsed(columns, texts)
             except pa.ArrowInvalid:  # a cell is no plain number
                 texts = set(columns)
                 table = self._parsed(columns, texts)
-        except (pa.ArrowException, UnicodeError, MemoryError) as error:
-            raise damaged("not a table of numbers", self.path, error, "repair that row") from None
         if table.num_rows == 0:
             raise InputError("no rows below the header", where=self.path, mend="record at least 5 s")
         require_size(table.num_rows, len(columns), self.path)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import HEAD_ROWS, MAX_CELLS, MAX_WORKBOOK_BYTES, MAX_WORKBOOK_UNPACKED
 from fdd.errors import InputError
-from fdd.logs.formats.signals import damaged, require_size
+from fdd.logs.formats.signals import readable, require_size
 from fdd.logs.formats.text_layout import find_table, is_number
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
@@ -31,19 +31,14 @@ def open_excel(path: Path) -> TreeFile:
 
     if path.stat().st_size > MAX_WORKBOOK_BYTES:
         raise InputError(f"larger than {MAX_WORKBOOK_BYTES} bytes", where=path, mend="save it as CSV")
-    sheets: dict[str, list[list[Any]]] = {}
-    try:
+    tables = {}
+    with readable("not readable as Excel", path, "save it again"):
         _require_bounded(path)
         book = python_calamine.CalamineWorkbook.from_path(str(path))
         for name in book.sheet_names:
-            sheets[name] = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
-    except InputError:
-        raise
-    except BaseException as error:  # the library's panics are no Exception
-        if isinstance(error, KeyboardInterrupt | SystemExit):
-            raise
-        raise damaged("not readable as Excel", path, error, "save it again") from None
-    tables = {name: found for name, rows in sheets.items() if (found := _table(path, rows)) is not None}
+            rows = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+            if (found := _table(path, rows)) is not None:
+                tables[name] = found
     if not tables:
         problem = "no sheet has a row of names above rows of numbers"
         raise InputError(problem, where=path, mend="put the names into one row")
@@ -71,15 +66,13 @@ def _require_bounded(path: Path) -> None:
                         columns = max(columns, number)
                     tail = block[-40:]
             if rows * columns > MAX_CELLS:
-                size = f"a sheet of {rows} rows and {columns} columns"
-                problem = f"{size}, at most {MAX_CELLS} cells are read"
+                problem = f"a sheet of {rows} rows and {columns} columns, at most {MAX_CELLS} cells are read"
                 raise InputError(problem, where=path, mend="remove stray cells, or save it as CSV")
 
 
 def _table(path: Path, rows: list[list[Any]]) -> dict[str, Leaf] | None:
     texts = [[_text(c) for c in row] for row in rows[:HEAD_ROWS]]
-    texts = [row if any(row) else [] for row in texts]
-    found = find_table(texts)
+    found = find_table([row if any(row) else [] for row in texts])
     if found is None:
         return None
     names, units, first = found
@@ -96,19 +89,17 @@ def _table(path: Path, rows: list[list[Any]]) -> dict[str, Leaf] | None:
 
 
 def _text(cell: Any) -> str:
-    if isinstance(cell, bool | int | float):
+    if isinstance(cell, int | float):
         return repr(float(cell))
-    if isinstance(cell, datetime | date | time | timedelta):
+    if isinstance(cell, date | time | timedelta):
         return "2000-01-01 00:00:00"
     return str(cell).strip()
 
 
 def _numbers(values: list[Any]) -> NDArray[np.generic]:
     first = next((v for v in values if v not in ("", None)), "")
-    if isinstance(first, datetime | date):
-        return np.array(
-            [v if isinstance(v, datetime | date) else "NaT" for v in values], dtype="datetime64[ns]"
-        )
+    if isinstance(first, date):
+        return np.array([v if isinstance(v, date) else "NaT" for v in values], dtype="datetime64[ns]")
     if isinstance(first, time):
         values = [datetime.combine(date.min, v) - datetime.min if isinstance(v, time) else v for v in values]
     if isinstance(first, time | timedelta):
@@ -117,7 +108,7 @@ def _numbers(values: list[Any]) -> NDArray[np.generic]:
 
 
 def _number(value: Any) -> float:
-    if isinstance(value, bool | int | float):
+    if isinstance(value, int | float):
         return float(value)
     text = str(value).strip().replace(",", ".")
     return float(text) if text and is_number(text) and text[0] in "+-.0123456789" else np.nan

@@ -16,7 +16,6 @@ from fdd.errors import InputError
 from fdd.logs.formats.signals import readable, require_stored, unit_among
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
-_UNITS = ("unit", "units")
 _NUMBERS = "fiub"
 
 
@@ -52,18 +51,14 @@ def _group(path: Path, own: Any) -> Group:
         if np.ndim(value) == 0 and isinstance(value, int | float | np.number):
             found.scalars[key] = float(value)
     for name in own:
-        if not isinstance(own.get(name, getlink=True), h5py.HardLink):
-            continue
-        node = own[name]
+        node = own[name] if isinstance(own.get(name, getlink=True), h5py.HardLink) else None
         if not isinstance(node, h5py.Dataset):
             continue
-        if name.lower() in _UNITS and node.dtype.kind == "u" and node.size < 64:
+        if name.lower() in ("unit", "units") and node.dtype.kind == "u" and node.size < 64:
             found.unit = "".join(chr(c) for c in node[()].reshape(-1))  # MATLAB's text
-        elif node.size is None:  # no shape at all
-            continue
         elif node.size == 1 and node.dtype.kind in _NUMBERS:
             found.scalars[name] = float(node[()].reshape(-1)[0])
-        elif leaves := _leaves(path, name, node):
+        elif node.size is not None and (leaves := _leaves(path, name, node)):  # else it has no shape at all
             require_stored(node.size * node.dtype.itemsize, node.id.get_storage_size(), path)
             found.leaves.update(leaves)
     return found
@@ -101,10 +96,7 @@ _LARGEST = 1 << 32
 
 
 def check_hdf5(path: Path) -> None:
-    """Refuse a file with a heap whose free space has no size: the library takes it again and again.
-
-    Raises InputError: names the byte.
-    """
+    """Refuse a file with a heap whose free space has no size: the library takes it again and again."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
         end = 0
         while (start := raw.find(_MARK, end)) >= 0:

@@ -45,20 +45,14 @@ def _walk(struct: dict[str, Any], path: str, groups: dict[str, Group], depth: in
         if isinstance(value, dict) and depth < DEEPEST_STRUCT:
             _walk(value, f"{path}/{name}" if path else name, groups, depth + 1)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-            for key, column in columns_of(name, value):
+            for key, column in _columns_of(name, value):
                 groups.setdefault(path, own).leaves[key] = Leaf(column.size, partial(np.asarray, column))
         elif isinstance(value, int | float):
             own.scalars[name] = float(value)
 
 
-def columns_of(name: str, values: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """A vector as it is, a matrix as its columns ``name[0]`` and on; nothing for anything else.
-
-    Examples
-    --------
-    >>> [n for n, _ in columns_of("p", np.zeros((5, 2)))], [n for n, _ in columns_of("x", np.zeros((1, 5)))]
-    (['p[0]', 'p[1]'], ['x'])
-    """
+def _columns_of(name: str, values: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """A vector as it is, a matrix as its columns ``name[0]`` and on; nothing for anything else."""
     flat = values.squeeze()
     if flat.ndim == 1:
         return [(name, flat)]
@@ -74,15 +68,8 @@ _COMPLEX = 0x0800
 _HEADER, _BEGINNING = 128, 1 << 16
 
 
-class _Odd(Exception):
-    """Not as the format wants it."""
-
-
 def check_matlab(path: Path) -> None:
-    """Walk through all arrays of a file.
-
-    Raises InputError: an element is of a wrong type, has wrong dimensions, or does not end within the file.
-    """
+    """Refuse a file with an element of a wrong type or wrong dimensions, or that goes on behind its end."""
     try:
         with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             order = "<" if data[126:128] == b"IM" else ">"
@@ -90,15 +77,15 @@ def check_matlab(path: Path) -> None:
             while at + 8 <= len(data):
                 kind, size = struct.unpack_from(f"{order}II", data, at)
                 if at + 8 + size > len(data):
-                    raise _Odd("a variable ends after the file does")
+                    raise ValueError("a variable ends after the file does")
                 if kind == _PACKED:
                     _check_packed(data[at + 8 : at + 8 + size], order)
                 elif kind == _MATRIX:
                     _Elements(data, order, len(data)).matrix(at, 0)
                 else:
-                    raise _Odd("something else than a variable")
+                    raise ValueError("something else than a variable")
                 at += 8 + size
-    except (_Odd, struct.error, zlib.error, ValueError) as error:
+    except (ValueError, struct.error, zlib.error) as error:
         raise InputError(f"damaged MATLAB file ({error})", where=path, mend="save it again") from None
 
 
@@ -110,7 +97,7 @@ def _check_packed(packed: bytes, order: str) -> None:
         most = 8 * limit("MAX_VALUES")
         raw += stream.decompress(stream.unconsumed_tail, most)
         if stream.unconsumed_tail:
-            raise _Odd(f"more than {most} bytes unpacked")
+            raise ValueError(f"more than {most} bytes unpacked")
     whole = len(raw) if stream.eof else 8 + struct.unpack_from(f"{order}I", raw, 4)[0]
     _Elements(raw, order, whole).matrix(0, 0)
 
@@ -128,29 +115,29 @@ class _Elements:
         if first >> 16:
             first, size, begin, after = first & 0xFFFF, first >> 16, at + 4, at + 8
             if size > 4:
-                raise _Odd("a short element of more than four bytes")
+                raise ValueError("a short element of more than four bytes")
         if first not in kinds:
-            raise _Odd(f"an element of type {first}")
+            raise ValueError(f"an element of type {first}")
         if begin + size > self._end:
-            raise _Odd("an element ends after its variable")
+            raise ValueError("an element ends after its variable")
         return begin, size, after
 
     def _words(self, at: int, most: int) -> tuple[tuple[int, ...], int]:
         begin, size, after = self._element(at, _INTEGERS)
         if size % 4 or size > 4 * most:
-            raise _Odd("a head of the wrong size")
+            raise ValueError("a head of the wrong size")
         return struct.unpack_from(f"{self._order}{size // 4}i", self._data, begin), after
 
     def matrix(self, at: int, depth: int) -> int:
         """Check an array and all in it; gives where the next element stands."""
         if depth > MOST_MATRIX_DEPTH:
-            raise _Odd(f"nested deeper than {MOST_MATRIX_DEPTH} levels")
+            raise ValueError(f"nested deeper than {MOST_MATRIX_DEPTH} levels")
         at, size, after = self._element(at, (_MATRIX,))
         if size == 0:
             return after
         flags, at = self._words(at, 2)
         if len(flags) != 2:
-            raise _Odd("an array without its flags")
+            raise ValueError("an array without its flags")
         kind = flags[0] & 0xFF
         if kind == _OPAQUE:
             for _ in range(3):
@@ -158,7 +145,7 @@ class _Elements:
             return self.matrix(at, depth + 1)
         shape, at = self._words(at, 32)
         if len(shape) < 2 or min(shape) < 0:
-            raise _Odd(f"an array of shape {shape}")
+            raise ValueError(f"an array of shape {shape}")
         at = self._element(at, _TEXTS)[2]
         count = math.prod(shape)
         if kind in (_STRUCT, _OBJECT):
@@ -167,7 +154,7 @@ class _Elements:
             widths, at = self._words(at, 1)
             _, size, at = self._element(at, _TEXTS)
             if len(widths) != 1 or widths[0] <= 0:
-                raise _Odd("a struct without the length of its names")
+                raise ValueError("a struct without the length of its names")
             count *= size // widths[0]
         if kind in (_CELL, _STRUCT, _OBJECT, _FUNCTION):
             for _ in range(1 if kind == _FUNCTION else count):
@@ -176,7 +163,7 @@ class _Elements:
         if kind == _CHAR:
             return self._element(at, _TEXTS)[2]
         if not _CHAR < kind < _FUNCTION:
-            raise _Odd(f"an array of class {kind}")
+            raise ValueError(f"an array of class {kind}")
         if kind == _SPARSE:
             for _ in range(2):
                 at = self._element(at, _INTEGERS)[2]

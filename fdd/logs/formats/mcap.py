@@ -9,14 +9,14 @@ from __future__ import annotations
 import re
 import zlib
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from struct import Struct
 from struct import error as StructError
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,26 +34,19 @@ _NANOSECONDS = {"sec": ("nanosec", "nsec"), "seconds": ("nanos", "nanoseconds"),
 _SCHEMA, _CHANNEL, _MESSAGE = 0x03, 0x04, 0x05
 _FRAME, _HEAD = Struct("<BQ"), Struct("<HIQQ")
 """Of a record: opcode and length; of a message: channel, sequence, log time and publish time."""
+_Found = dict[int, tuple[list[int], list[bytes]]]
+"""Stamps and bytes of messages by channel."""
 
 
-class Batch(NamedTuple):
-    """Messages of one channel: (n,) ns, and their bytes."""
-
-    channel: int
-    stamps: NDArray[np.int64]
-    payloads: list[bytes]
-
-
-class _Found(defaultdict[int, tuple[list[int], list[bytes]]]):
-    """Stamps and bytes of messages by channel."""
-
-    def __init__(self) -> None:
-        super().__init__(lambda: ([], []))
+def _none_found() -> _Found:
+    return defaultdict(lambda: ([], []))
 
 
 @dataclass
 class ChunkWalk:
-    """Batches of a file in the order in which they were written; schemas and channels fill up on the way.
+    """Messages of a file in the order in which they were written; schemas and channels fill up on the way.
+
+    Each step gives the number of a channel, (n,) ns, and n messages.
 
     Attributes
     ----------
@@ -72,7 +65,7 @@ class ChunkWalk:
     truncated: bool = False
     damaged: int = 0
 
-    def __iter__(self) -> Iterator[Batch]:
+    def __iter__(self) -> Iterator[tuple[int, NDArray[np.int64], list[bytes]]]:
         from mcap.exceptions import McapError, RecordLengthLimitExceeded
         from mcap.opcode import Opcode
         from mcap.records import Channel, Chunk, Message, Metadata, Schema
@@ -86,7 +79,7 @@ class ChunkWalk:
 
         # Besides the library's own whatever a damaged record provokes, as text that is none.
         provoked = (McapError, ValueError, LookupError, ArithmeticError, MemoryError, StructError)
-        loose = _Found()
+        loose = _none_found()
         with self.path.open("rb") as stream:
             records = Reader(stream, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES).records
             while True:
@@ -113,10 +106,10 @@ class ChunkWalk:
                     yield from self._batches(self._chunk(record))
         yield from self._batches(loose)
 
-    def _batches(self, found: _Found) -> Iterator[Batch]:
+    def _batches(self, found: _Found) -> Iterator[tuple[int, NDArray[np.int64], list[bytes]]]:
         for channel, (stamps, payloads) in sorted(found.items()):
             if channel in self.channels:  # else a damaged number; there may be thousands
-                yield Batch(channel, np.array(stamps, dtype=np.uint64).astype(np.int64), payloads)
+                yield channel, np.array(stamps, dtype=np.uint64).astype(np.int64), payloads
 
     def _chunk(self, chunk: Any) -> _Found:
         """Messages of a chunk; none where it is damaged."""
@@ -126,7 +119,7 @@ class ChunkWalk:
         size, crc = int(chunk.uncompressed_size), chunk.uncompressed_crc
         if size > MAX_CHUNK_BYTES:
             raise InputError(f"a chunk of {size} bytes, at most {MAX_CHUNK_BYTES} are read", where=self.path)
-        found = _Found()
+        found = _none_found()
         raw = _inflated(chunk, size)
         if raw is None or len(raw) != size or (crc and zlib.crc32(raw) != crc):
             self.damaged += 1
@@ -144,13 +137,12 @@ class ChunkWalk:
                 stamps.append(stamp)
                 payloads.append(raw[begin + _HEAD.size : at])
             elif opcode in (_SCHEMA, _CHANNEL):
-                known: dict[int, Any] = self.schemas if opcode == _SCHEMA else self.channels
-                kind: Any = Schema if opcode == _SCHEMA else Channel
+                known, kind = (self.schemas, Schema) if opcode == _SCHEMA else (self.channels, Channel)
                 try:
-                    record = kind.read(ReadDataStream(BytesIO(raw[begin:at])))
+                    record: Any = kind.read(ReadDataStream(BytesIO(raw[begin:at])))
                 except Exception:  # the library lets struct's and the codec's errors through
                     self.damaged += 1
-                    return _Found()
+                    return {}
                 known[record.id] = record
         return found
 
@@ -176,9 +168,8 @@ def _inflated(chunk: Any, size: int) -> bytes | None:
             return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size))
     except Exception:  # zstandard.ZstdError, or lz4's RuntimeError and EOFError
         return None
-    raise InputError(
-        f"chunks compressed with {chunk.compression[:20]!r}", mend="record with zstd, lz4 or none"
-    )
+    problem = f"chunks compressed with {chunk.compression[:20]!r}"
+    raise InputError(problem, mend="record with zstd, lz4 or none")
 
 
 @dataclass
@@ -195,11 +186,9 @@ class McapFile(LogFile):
     topics: list[str] = field(default_factory=list)
     paths: dict[str, tuple[FieldPath, ...]] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
-    damaged: int = 0
     _stamps: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """See `LogFile.read`. The rows are in the order of the log times."""
         wanted: dict[str, list[str]] = {}
         for name in dict.fromkeys(names):
             wanted.setdefault(str(self.signals[name].topic), []).append(name)
@@ -217,7 +206,6 @@ class McapFile(LogFile):
         return stamps
 
     def place(self, row: int) -> str:
-        """The message of row `row`."""
         return f"message {row}"
 
     def field(self, topic: str, path: str | None) -> Signal:
@@ -253,28 +241,30 @@ class McapFile(LogFile):
         paths = {
             t: list(dict.fromkeys(p for n in names for p in self.paths[n])) for t, names in wanted.items()
         }
-        parts = {t: _Rows(paths[t]) for t in wanted}
+        parts = {t: _Rows(len(paths[t])) for t in wanted}
         rows = 0
-        for batch in walk:
-            channel = walk.channels[batch.channel]
-            topic = channel.topic
-            if topic not in wanted:
+        for number, stamps, payloads in walk:
+            channel = walk.channels[number]
+            if (topic := channel.topic) not in wanted:
                 continue
-            rows += batch.stamps.size
+            rows += stamps.size
             require_size(rows, sum(len(p) for p in paths.values()), self.path)
             values: list[Column] = []
             if paths[topic]:
-                if batch.channel not in decoders:
-                    decoders[batch.channel] = decoder_of(channel, walk.schemas.get(channel.schema_id))
                 try:
-                    values = decoders[batch.channel].columns(batch.payloads, paths[topic])
+                    if number not in decoders:
+                        decoders[number] = decoder_of(channel, walk.schemas.get(channel.schema_id))
+                    values = decoders[number].columns(payloads, paths[topic])
                 except ValueError as error:
                     raise InputError(f"topic {topic}: {error}", where=self.path) from None
-            parts[topic].append(batch.stamps, values)
-        self.truncated, self.damaged = walk.truncated, walk.damaged
+            parts[topic].append(stamps, *values)
+        self.truncated = walk.truncated
+        told = f"{walk.damaged} damaged chunks were left out (checksum or compression is wrong)"
+        self.notes = [told] if walk.damaged else []
         out: dict[str, Column] = {}
         for topic, names in wanted.items():
-            self._stamps[topic], by_path = parts.pop(topic).in_order()
+            self._stamps[topic], *columns = parts.pop(topic).in_order()
+            by_path = dict(zip(paths[topic], columns, strict=True))
             for name in names:
                 whole, *nanoseconds = (by_path[p] for p in self.paths[name])
                 out[name] = whole + nanoseconds[0] * 1e-9 if nanoseconds else whole
@@ -284,37 +274,28 @@ class McapFile(LogFile):
 class _Rows:
     """Stamps and columns of a topic, which grow where they stand: a second copy would double the memory."""
 
-    def __init__(self, paths: Collection[FieldPath]) -> None:
-        self._size, self._stamps = 0, np.empty(0, np.int64)
-        self._columns = {path: np.empty(0) for path in paths}
+    def __init__(self, columns: int) -> None:
+        self._size = 0
+        self._columns: list[NDArray[Any]] = [np.empty(0, np.int64), *(np.empty(0) for _ in range(columns))]
 
-    def append(self, stamps: NDArray[np.int64], values: Iterable[Column]) -> None:
-        """The next rows: (n,) ns and, of each path, (n,)."""
-        end = self._size + stamps.size
-        if end > self._stamps.size:
-            room = max(end, 2 * self._stamps.size)
-            self._stamps = self._grown(self._stamps, room)
-            for path, column in self._columns.items():
-                self._columns[path] = self._grown(column, room)
-        self._stamps[self._size : end] = stamps
-        for column, new in zip(self._columns.values(), values, strict=True):
-            column[self._size : end] = new
+    def append(self, *new: NDArray[Any]) -> None:
+        """The next rows: (n,) ns and, of each column, (n,)."""
+        end, room = self._size + new[0].size, self._columns[0].size
+        for k, column in enumerate(self._columns if end > room else ()):
+            grown = np.empty(max(end, 2 * room), column.dtype)  # what is not filled takes no memory
+            grown[: self._size] = column[: self._size]
+            self._columns[k] = grown
+        for column, values in zip(self._columns, new, strict=True):
+            column[self._size : end] = values
         self._size = end
 
-    def _grown(self, column: NDArray[Any], room: int) -> NDArray[Any]:
-        out = np.empty(room, column.dtype)  # what is not filled takes no memory
-        out[: self._size] = column[: self._size]
-        return out
-
-    def in_order(self) -> tuple[NDArray[np.int64], dict[FieldPath, Column]]:
-        """Stamps and columns by path, in the order of the stamps."""
-        stamps = self._stamps[: self._size]
-        columns = {path: column[: self._size] for path, column in self._columns.items()}
-        # The log time is the order of an MCAP file, whatever order the messages were written in.
-        if (stamps[1:] < stamps[:-1]).any():
-            order = np.argsort(stamps, kind="stable")
-            return stamps[order], {path: column[order] for path, column in columns.items()}
-        return stamps, columns
+    def in_order(self) -> list[NDArray[Any]]:
+        """Stamps and columns in the order of the stamps, whatever order the messages were written in."""
+        rows = [column[: self._size] for column in self._columns]
+        if (rows[0][1:] < rows[0][:-1]).any():
+            order = np.argsort(rows[0], kind="stable")
+            return [column[order] for column in rows]
+        return rows
 
 
 def open_mcap(path: Path) -> McapFile:
@@ -339,13 +320,13 @@ def open_mcap(path: Path) -> McapFile:
         if known:
             metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()}
     seen: set[int] = set()
-    for batch in walk:
-        if batch.channel in seen:
+    for number, _, payloads in walk:
+        if number in seen:
             continue
-        seen.add(batch.channel)
-        channel = walk.channels[batch.channel]
+        seen.add(number)
+        channel = walk.channels[number]
         try:
-            fields = decoder_of(channel, walk.schemas.get(channel.schema_id)).fields(batch.payloads)
+            fields = decoder_of(channel, walk.schemas.get(channel.schema_id)).fields(payloads)
         except ValueError as error:
             log.reasons.setdefault(channel.topic, str(error))
             fields = {}

@@ -25,8 +25,7 @@ _IN_RECORD = (0, 1, 2, 4, 5)
 def open_mdf(path: Path) -> TreeFile:
     """Signals of an MDF file; where two channels have one name, the group's number stands before it.
 
-    Raises InputError: damaged, or without channels of numbers; ImportError: asammdf, an extra, is not
-    installed.
+    Raises InputError: damaged, or without channels of numbers. ImportError: asammdf is not installed.
     """
     from asammdf import MDF
 
@@ -58,8 +57,7 @@ def open_mdf(path: Path) -> TreeFile:
         except Exception:
             from asammdf.blocks import mdf_v3, mdf_v4
 
-            def close(half_open: Any) -> None:
-                """Let what broke off while it was opened be thrown away without a word."""
+            def close(half_open: Any) -> None:  # what broke off is thrown away without a word
                 with suppress(Exception):
                     half_open.close()
 
@@ -107,12 +105,11 @@ def _require_inside(path: Path, group: Any, channel: Any) -> None:
 
 
 def _load(path: Path, file: Any, group: int, index: int | None) -> NDArray[Any]:
-    """A channel, or the group's stamps, of the file, which stays open as long as this may be called."""
-    with readable("a channel cannot be read", path):
-        with redirect_stdout(StringIO()):
-            if index is None:
-                return np.asarray(file.get_master(group))
-            signal = file.get(group=group, index=index)
+    """A channel, or the group's stamps, of the file, which stays open."""
+    with readable("a channel cannot be read", path), redirect_stdout(StringIO()):
+        if index is None:
+            return np.asarray(file.get_master(group))
+        signal = file.get(group=group, index=index)
         values = np.asarray(signal.samples)
         if signal.invalidation_bits is not None and values.dtype.kind in "fiub":
             values = np.where(np.asarray(signal.invalidation_bits), np.nan, values)

@@ -54,7 +54,7 @@ class Decoder:
 
         Raises ValueError: a message is damaged, or holds something else than numbers there.
         """
-        messages = self.decode(payloads) if paths else []
+        messages = self.decode(payloads)
         return [_numbers(messages, path) for path in paths]
 
 
@@ -119,20 +119,12 @@ def _protobuf_decoder(name: str, schema: bytes) -> Decode:
     """`schema` is a serialised ``google.protobuf.FileDescriptorSet``."""
     from google.protobuf import descriptor_pb2, descriptor_pool, message, message_factory
 
-    files = descriptor_pb2.FileDescriptorSet()
     pool = descriptor_pool.DescriptorPool()
     try:
-        files.ParseFromString(schema)
-        if len(files.file) > MOST_SCHEMA_FILES:
-            raise ValueError(f"{len(files.file)} files in the schema")
-        waiting = {f.name: f for f in files.file}
-        while waiting:
-            ready = [f for f in waiting.values() if not any(d in waiting for d in f.dependency)]
-            if not ready:
-                raise ValueError("the schema's files need one another in a circle")
-            for file in ready:
-                pool.Add(file)
-                del waiting[file.name]
+        files = descriptor_pb2.FileDescriptorSet.FromString(schema).file
+        if len(files) > MOST_SCHEMA_FILES:
+            raise ValueError(f"{len(files)} files in the schema")
+        message_factory.GetMessages(files, pool)
         parse = message_factory.GetMessageClass(pool.FindMessageTypeByName(name)).FromString
     except Exception as error:  # DecodeError, KeyError and TypeError of a damaged schema
         raise ValueError(f"damaged Protobuf schema ({' '.join(str(error).split())[:80]})") from None
@@ -201,13 +193,10 @@ _ALONE, _COUNTED = -1, 0
 _Definitions = dict[str, list[tuple[str, str, int]]]
 """Fields of each type: name, type, and length of an array."""
 _BUILT_IN: _Definitions = {
-    name: [("sec", first, _ALONE), (rest, second, _ALONE)]
-    for name, first, rest, second in (
-        ("builtin_interfaces/Time", "int32", "nanosec", "uint32"),
-        ("builtin_interfaces/Duration", "int32", "nanosec", "uint32"),
-        ("time", "uint32", "nsec", "uint32"),
-        ("duration", "int32", "nsec", "int32"),
-    )
+    "builtin_interfaces/Time": [("sec", "int32", _ALONE), ("nanosec", "uint32", _ALONE)],
+    "builtin_interfaces/Duration": [("sec", "int32", _ALONE), ("nanosec", "uint32", _ALONE)],
+    "time": [("sec", "uint32", _ALONE), ("nsec", "uint32", _ALONE)],
+    "duration": [("sec", "int32", _ALONE), ("nsec", "int32", _ALONE)],
 }
 _LINE = re.compile(
     r"^(?P<type>[A-Za-z][\w/]*)(?P<text><=\d+)?(?P<array>\[(?P<most><=)?(?P<count>\d*)\])?\s+(?P<name>[A-Za-z]\w*)"

@@ -1,8 +1,4 @@
-"""Which format a file has, by what is in it, not by what it is called; those of installed packages too.
-
-A package's code can do anything; what reads its columns relies on numbers, of one length for each clock and
-within the bounds (`fdd.bounds`). `CheckedLog` makes sure of that.
-"""
+"""Which format a file has, by what is in it, not by what it is called; those of installed packages too."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ import numpy as np
 
 from fdd.bounds import LONGEST_NAME, limit, raised
 from fdd.errors import InputError
-from fdd.logs.formats.signals import SNIFFED, Format, LogFile, Signal, require_size, system_error
+from fdd.logs.formats.signals import SNIFFED, Format, LogFile, Signal, require_size, told_with
 from fdd.packages import LOG_FORMATS, Addition, additions, left_out
 from fdd.samples import Column
 
@@ -85,22 +81,19 @@ def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
     Raises InputError: one line: no such file, damaged, of no known format, or what it needs is not installed.
     """
     path = Path(path)
-    found = format_of(path)
-    try:
+    with told_with(path):
+        found = format_of(path)
         if callable(found.opener):
             return found.opener(path)
         module, function = found.opener.split(":")
-        opener = getattr(import_module(f"fdd.logs.formats.{module}"), function)
-        return opener(path, layout) if found.name == "CSV" else opener(path)
-    except ImportError as error:
-        if found.extra is None:
-            raise
-        mend = f"pip install 'fdd[{found.extra}]'"
-        raise InputError(f"{found.name} files need {error.name}", where=path, mend=mend) from None
-    except InputError as error:
-        raise (error if error.where == str(path) else error.at(path)) from None
-    except OSError as error:
-        raise system_error(error, path) from None
+        try:
+            opener = getattr(import_module(f"fdd.logs.formats.{module}"), function)
+            return opener(path, layout) if found.name == "CSV" else opener(path)
+        except ImportError as error:
+            if found.extra is None:
+                raise
+            mend = f"pip install 'fdd[{found.extra}]'"
+            raise InputError(f"{found.name} files need {error.name}", mend=mend) from None
 
 
 def format_of(path: Path) -> Format:
@@ -112,12 +105,9 @@ def format_of(path: Path) -> Format:
         raise InputError("is a folder, not a log", where=path, mend="give the files in it")
     if not path.is_file():
         raise InputError("no such file", where=path, mend="check the path")
-    try:
-        size = path.stat().st_size
-        with path.open("rb") as source:
-            head = source.read(SNIFFED)
-    except OSError as error:
-        raise system_error(error, path) from None
+    size = path.stat().st_size
+    with path.open("rb") as source:
+        head = source.read(SNIFFED)
     if size == 0:
         raise InputError("the file is empty", where=path, mend="record or copy it again")
     if size > (most := limit("MAX_LOG_BYTES")):
@@ -137,11 +127,10 @@ def format_of(path: Path) -> Format:
 
 
 class CheckedLog(LogFile):
-    """A package's file, of which every answer is checked.
+    """The file at `path` that a package's `opener` gives, of which every answer is checked.
 
-    Parameters
-    ----------
-    path : the file. package : that reads it. opener : the package's.
+    A package's code can do anything; what reads its columns relies on numbers, of one length for each clock
+    and within the bounds (`fdd.bounds`).
 
     Raises InputError: from here and from all methods: whatever the package's code raises, and answers that
     nothing can be made of.
@@ -161,7 +150,6 @@ class CheckedLog(LogFile):
         require_size(1, len(self.signals), path)
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """See `LogFile.read`."""
         wanted = list(dict.fromkeys(names))
         given = self._asked(self._own.read, wanted)
         out = {name: self._column(given, name) for name in wanted}
@@ -173,7 +161,6 @@ class CheckedLog(LogFile):
         return out
 
     def stamps(self, clock: str) -> Column | None:
-        """See `LogFile.stamps`."""
         given = self._asked(self._own.stamps, clock)
         found = None if given is None else self._column({"time": given}, "time")
         if found is not None and found.size != self._rows.get(clock, found.size):
@@ -181,7 +168,6 @@ class CheckedLog(LogFile):
         return found
 
     def place(self, row: int) -> str:
-        """See `LogFile.place`."""
         return str(self._asked(self._own.place, row))
 
     def _column(self, given: dict[str, Column], name: str) -> Column:

@@ -43,7 +43,6 @@ class LogFile(ABC):
 
     Attributes
     ----------
-    path : the file.
     signals : by name, in the order of the file.
     notes : what was odd, one line each.
     start_ns : ns since 1970, of t = 0 of its clocks; 0 where the file has no date.
@@ -107,12 +106,7 @@ def require_size(rows: int, columns: int, where: Path) -> None:
 
 
 def require_stored(declared: int, stored: int, where: Path) -> None:
-    """Refuse arrays that a damaged head declares far larger than what the file holds could unpack to.
-
-    `declared`: bytes of all arrays. `stored`: bytes that they take in the file.
-
-    Raises InputError: names both figures.
-    """
+    """Refuse arrays that a damaged head declares far larger (bytes) than what is stored could unpack to."""
     if declared > max(FREELY_DECLARED_BYTES, MOST_PACKING * stored):
         problem = f"damaged: declares {declared} bytes of numbers and holds {stored}"
         raise InputError(problem, where=where, mend="copy it again")
@@ -127,35 +121,32 @@ def unit_among(attributes: Mapping[Any, Any]) -> str | None:
     return next((text(v) for k, v in attributes.items() if text(k).lower() in ("unit", "units")), None)
 
 
-def system_error(error: OSError, where: Path) -> InputError:
-    """What the system has against reading a file."""
-    brief = " ".join(str(error.strerror or error).split())[:120]
-    return InputError(f"cannot be read ({brief})", where=where)
-
-
-def damaged(what: str, where: Path, error: BaseException, mend: str = "copy it again") -> InputError:
-    """The one line of a file that its library cannot read, with the beginning of the library's own words."""
-    brief = " ".join(str(error).split())[:120] or type(error).__name__
-    return InputError(f"{what} ({brief})", where=where, mend=mend)
+@contextmanager
+def readable(what: str, where: Path, mend: str = "copy it again") -> Iterator[None]:
+    """Whatever a library raises of a damaged file as one line with its beginning; what is ours passes."""
+    try:
+        yield
+    except (InputError, KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # a library's panic in Rust is no Exception
+        brief = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(f"{what} ({brief})", where=where, mend=mend) from None
 
 
 @contextmanager
-def readable(what: str, where: Path, mend: str = "copy it again") -> Iterator[None]:
-    """Whatever a library raises of a damaged file, of many kinds, as `damaged`; what is ours passes."""
+def told_with(path: Path) -> Iterator[None]:
+    """Refusals name the file, those of the system too."""
     try:
         yield
-    except InputError:
-        raise
-    except Exception as error:
-        raise damaged(what, where, error, mend) from None
+    except InputError as error:
+        raise (error if error.where == str(path) else error.at(path)) from None
+    except OSError as error:
+        brief = " ".join(str(error.strerror or error).split())[:120]
+        raise InputError(f"cannot be read ({brief})", where=path) from None
 
 
 def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
-    """Seconds since the first stamp, and that stamp in ns since 1970 (0 where there is none).
-
-    The nanoseconds are subtracted before the floats lose them.
-
-    `stamps`: (n,) datetime64; NaT where one is missing.
+    """Seconds since the first of (n,) stamps (NaN of NaT), and that stamp in ns since 1970 (0 without one).
 
     Examples
     --------
@@ -167,7 +158,7 @@ def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
     if missing.all():
         return np.full(stamps.size, np.nan), 0
     first = int(counted.min(where=~missing, initial=np.iinfo(np.int64).max))
-    seconds: Column = (counted - first) * np.float64(1e-9)
+    seconds: Column = (counted - first) * np.float64(1e-9)  # subtracted before floats lose the nanoseconds
     seconds[missing] = np.nan
     return seconds, first
 

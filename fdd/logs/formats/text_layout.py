@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ import numpy as np
 
 from fdd.bounds import SNIFFED_BYTES
 from fdd.errors import InputError
-from fdd.logs.formats.signals import damaged, seconds_since
+from fdd.logs.formats.signals import readable, seconds_since
 from fdd.measures import MEASURES, find_measure
 from fdd.samples import Column
 
@@ -23,11 +24,8 @@ MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "#N/A", "null", "NULL",
 _SEPARATORS = (";", "\t", ",", "|")
 _SEP_LINE = re.compile(r"^\"?sep=(.)\"?$", re.IGNORECASE)
 _NUMBER = re.compile(r"[-+]?(\d[\d.,' \u00a0\u202f]*|[.,]\d+)([eE][-+]?\d+)?|[-+]?(inf|Inf|INF)(inity)?")
-_GROUPED = {
-    ",": re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*|[-+]?\d{1,3}(,\d{3}){2,}"),
-    ".": re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*|[-+]?\d{1,3}(\.\d{3}){2,}"),
-}
 _UNIT_CELL = re.compile(r"^\s*[\[(].{0,20}[\])]\s*$")
+_DIMENSIONS = ("pressure", "length", "angular_speed", "temperature", "current", "time", "voltage", "force")
 
 _CLOCK = r"(?P<clock>\d{1,2}:\d\d(?::\d\d(?P<part>[.,]\d+)?)?)(?P<half> ?[AaPp][Mm])?"
 _DAY = r"(?P<a>\d{1,4})(?P<mark>[./-])(?P<b>\d{1,2})(?P=mark)(?P<c>\d{2,4})"
@@ -37,18 +35,12 @@ DAY_S = 86_400.0
 
 def head_of(path: Path) -> tuple[bytes, bool, bool]:
     """The first bytes, unpacked; whether the file is packed; whether these are all."""
-    import gzip
-    import zlib
-
     with path.open("rb") as source:
         head = source.read(SNIFFED_BYTES + 1)
     packed = head.startswith(b"\x1f\x8b")
     if packed:
-        try:
-            with gzip.open(path, "rb") as unpacked:
-                head = unpacked.read(SNIFFED_BYTES + 1)
-        except (OSError, EOFError, zlib.error) as error:
-            raise damaged("damaged gzip file", path, error) from None
+        with readable("damaged gzip file", path), gzip.open(path, "rb") as unpacked:
+            head = unpacked.read(SNIFFED_BYTES + 1)
     return head[:SNIFFED_BYTES], packed, len(head) <= SNIFFED_BYTES
 
 
@@ -60,11 +52,8 @@ def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return head.decode("utf-16", errors="replace").lstrip("\ufeff"), "utf-16"
     if b"\0" in head:
-        raise InputError(
-            "of no known format, and no text",
-            where=where,
-            mend="give a log of a format that the README lists",
-        )
+        mend = "give a log of a format that the README lists"
+        raise InputError("of no known format, and no text", where=where, mend=mend)
     for cut in range(1 if whole else 4):  # the last character may be cut
         with suppress(UnicodeDecodeError):
             return head[: len(head) - cut].decode("utf-8-sig"), "utf-8"
@@ -105,14 +94,10 @@ def is_number(cell: str) -> bool:
     return bare in MISSING or _NUMBER.fullmatch(bare) is not None
 
 
-def cells_of(line: str, separator: str) -> list[str]:
-    """The cells of one line, without the blanks and quotes around them.
-
-    Examples
-    --------
-    >>> cells_of('a, "b,c" ,d', ",")
-    ['a', 'b,c', 'd']
-    """
+def _cells(line: str, separator: str) -> list[str]:
+    """The cells of one line, without the blanks and quotes around them; none of a comment."""
+    if not line.strip() or line.lstrip().startswith("#"):
+        return []
     try:
         return [c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
     except (csv.Error, StopIteration):
@@ -133,27 +118,20 @@ def find_layout(
     >>> found.names, found.units, found.decimal, found.first_line
     (['t', 'Druck A'], ['s', 'bar'], ',', 3)
     """
-    start = skip
     if separator is None:
-        for k in range(start, min(start + 3, len(lines))):
-            if (declared := _SEP_LINE.match(lines[k].strip())) is not None:
-                separator, start = declared.group(1), k + 1
+        for k, line in enumerate(lines[skip : skip + 3], skip + 1):
+            if (declared := _SEP_LINE.match(line.strip())) is not None:
+                separator, skip = declared.group(1), k
                 break
-    tried = [separator] if separator else _SEPARATORS
-    best: tuple[int, Layout] | None = None
-    for one in tried:
-        rows = [
-            [] if not line.strip() or line.lstrip().startswith("#") else cells_of(line, one) for line in lines
-        ]
-        found = find_table(rows, start)
-        if found is None:
-            continue
-        names, units, first = found
-        mark = decimal or _decimal_of([c for row in rows[first : first + 50] for c in row], one)
-        layout = Layout(one, mark, names, units, first, rows[first])
-        if best is None or len(names) > best[0]:
-            best = (len(names), layout)
-    return None if best is None else best[1]
+    best: Layout | None = None
+    for one in [separator] if separator else _SEPARATORS:
+        rows = [_cells(line, one) for line in lines]
+        found = find_table(rows, skip)
+        if found is not None and (best is None or len(found[0]) > len(best.names)):
+            names, units, first = found
+            mark = decimal or _decimal_of([c for row in rows[first : first + 50] for c in row], one)
+            best = Layout(one, mark, names, units, first, rows[first])
+    return best
 
 
 def find_table(rows: Sequence[Sequence[str]], start: int = 0) -> tuple[list[str], list[str], int] | None:
@@ -183,7 +161,7 @@ def _is_data(row: Sequence[str]) -> bool:
     """Whether at least half of the cells that are filled are numbers or stamps."""
     filled = [c for c in row if c.strip()]
     told = sum(is_number(c) or stamp_kind(c) != "" for c in filled)
-    return bool(filled) and told >= max(1, (len(filled) + 1) // 2)
+    return bool(filled) and told >= (len(filled) + 1) // 2
 
 
 def _header(
@@ -209,25 +187,24 @@ def _header(
 
 
 def _is_units(row: Sequence[str]) -> bool:
-    """Whether all cells that say anything are units, as no row of names is."""
+    """Whether most cells that say anything are units, as those of a row of names are not."""
     said = [c.strip() for c in row if c.strip() not in ("", "-")]
-    dimensions = ("pressure", "length", "angular_speed", "temperature", "current", "time", "voltage", "force")
-    bare = [c.strip("[]() ") for c in said if not _UNIT_CELL.match(c)]
-    odd = [c for c in bare if c not in MEASURES and not any(find_measure(c, d) for d in dimensions)]
-    return bool(said) and len(said) - len(odd) >= 0.7 * len(said)
+    units = [c for c in said if _UNIT_CELL.match(c) or _is_unit(c.strip("[]() "))]
+    return bool(said) and len(units) >= 0.7 * len(said)
+
+
+def _is_unit(text: str) -> bool:
+    return text in MEASURES or any(find_measure(text, d) for d in _DIMENSIONS)
 
 
 def _decimal_of(cells: Sequence[str], separator: str) -> str:
     """The decimal mark that most cells have, which are no stamps."""
     votes: Counter[str] = Counter()
-    comma = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-    for cell in (c for c in cells if not stamp_kind(c)):
-        if _GROUPED[","].fullmatch(cell):
-            votes["."] += 2
-        elif _GROUPED["."].fullmatch(cell) or (separator != "," and comma.fullmatch(cell)):
-            votes[","] += 1
-        elif "." in cell:
-            votes["."] += 1
+    for cell in (c for c in cells if is_number(c) and not stamp_kind(c)):
+        marks = re.sub("[^,.]", "", cell)
+        if marks and (marks != "," or separator != ","):  # else thousands, in quotes
+            last, other = marks[-1], "." if marks[-1] == "," else ","
+            votes[last if marks.count(last) == 1 else other] += len(set(marks))
     return "," if votes[","] > votes["."] else "."
 
 
@@ -248,9 +225,7 @@ def stamp_kind(cell: str) -> str:
 def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[str]]:
     """Stamps that are written alike, as seconds since the first.
 
-    Parameters
-    ----------
-    texts : (n,) stamps; None where one is missing. The first tells how all are written.
+    `texts`: (n,), None where one is missing. The first tells how all are written.
 
     Returns (n,) s, NaN where a stamp is missing or written otherwise; ns since 1970 of the first (0 without a
     date); notes.
@@ -268,9 +243,7 @@ def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[st
     found = _STAMP.fullmatch(first.strip())
     if found is None:
         return np.full(len(texts), np.nan), 0, []
-    series: Any = pd.Series(list(texts), dtype="str").str.strip()
-    if found["part"] or "," in first:
-        series = series.str.replace(",", ".", regex=False)
+    series: Any = pd.Series(list(texts), dtype="str").str.strip().str.replace(",", ".", regex=False)
     clock, half, zone = (found[name] or "" for name in ("clock", "half", "zone"))
     to_the_second = clock.count(":") == 2
     if found["a"] is None:

@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.logs.formats.signals import LogFile, Signal, require_size, seconds_since
-from fdd.logs.names import is_time_name, unit_in_name
-from fdd.measures import MEASURES, find_measure
+from fdd.logs.names import is_time_name, time_unit
+from fdd.measures import measure
 from fdd.samples import Column
 
 _VALUES = ("value", "values", "data", "y", "signal", "samples")
 _PERIODS = ("dt", "ts", "period", "sample_time", "sampletime")
 _RATES = ("fs", "rate", "sample_rate", "samplerate")
-SLOWEST_STEP_S = 0.02
-"""s; 50 Hz is the slowest rate that the fastest clock of a log may have."""
 
 
 @dataclass(frozen=True)
@@ -69,29 +67,21 @@ class TreeFile(LogFile):
     periods: dict[str, tuple[float, int]] = field(default_factory=dict)
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """See `LogFile.read`."""
         return {name: self._loaded(name) for name in dict.fromkeys(names)}
 
     def stamps(self, clock: str) -> Column | None:
-        """See `LogFile.stamps`."""
         if clock in self.periods:
             period, rows = self.periods[clock]
             return np.arange(rows, dtype=np.float64) * period
         if clock not in self.clocks:
             return None
         name = self.clocks[clock]
-        values = self._loaded(name)
-        unit = self.leaves[name].unit or unit_in_name(name)
-        found = find_measure(unit, "time") if unit else None
-        if found is not None:
-            return values * found.factor
-        # Several rates count in one unit: the fastest tells which, as a log is not slower than 50 Hz.
-        last = name.rsplit("/", 1)[-1]
-        alike = {n for n in self.clocks.values() if n.rsplit("/", 1)[-1] == last}
-        steps = (np.diff(self._loaded(n)) for n in alike)
+        # Several rates without a unit count in one: the fastest tells which.
+        values, last, unit = self._loaded(name), name.rsplit("/", 1)[-1], self.leaves[name].unit
+        alike = {name} if unit else {n for n in self.clocks.values() if n.rsplit("/", 1)[-1] == last}
+        steps = (np.diff(values if n == name else self._loaded(n)) for n in alike)
         step = min(float(np.median(s)) if s.size else np.inf for s in steps)
-        fitting = (MEASURES[u].factor for u in ("s", "ms", "us", "ns"))
-        return values * next((f for f in fitting if step * f <= SLOWEST_STEP_S), 1.0)
+        return values * measure(time_unit(name, unit, step), "time").factor
 
     def _loaded(self, name: str) -> Column:
         raw = np.asarray(self.leaves[name].load()).reshape(-1)
