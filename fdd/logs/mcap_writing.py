@@ -79,15 +79,12 @@ def write_blocks(
     labels: Mapping[str, Any] | None = None,
     start_ns: int = 0,
 ) -> None:
-    """Write a run from an iterator of blocks; the messages do not depend on how the rows are cut into them.
+    """Write a run, whole or not at all; the messages do not depend on how the rows are cut into blocks.
 
     Parameters
     ----------
-    path : the file; it appears whole or not at all.
     blocks : of some seconds each, those of several axes in turn: what they overlap, chunks in the file do.
-    axes : names of all axes.
-    units : profile (YAML) of each axis that has one: metadata record ``unit`` with the key ``yaml`` for one
-        axis, with the axes' names as keys for several.
+    units : profile (YAML) of each axis: metadata record ``unit``, key ``yaml``, or the names of several axes.
     scenario_json, labels : metadata records ``scenario`` and ``labels`` (key json).
     start_ns : ns; log time of t = 0.
 
@@ -107,9 +104,8 @@ def write_blocks(
     with mcap_file(path, records, start_ns) as out:
         for block in blocks:
             root, time = f"/eha/{block.axis_of(axes)}", block.samples.time
-            topics: dict[str, Mapping[str, ArrayLike]] = {
-                f"{root}/measurement": {"time": time, **block.samples.columns}
-            }
+            topics: dict[str, Mapping[str, ArrayLike]] = {}
+            topics[f"{root}/measurement"] = {"time": time, **block.samples.columns}
             if block.truth is not None:
                 topics[f"{root}/truth"] = {"time": time, **block.truth}
             out.add_columns(topics)
@@ -217,10 +213,7 @@ class _Topic(NamedTuple):
 
 
 class ColumnWriter(Writer):
-    """The library's writer (chunks of `CHUNK_BYTES`, zstd, checksums, indexes), which takes columns too.
-
-    `stream` is open for writing bytes; `start_ns`, ns, is the log time of t = 0.
-    """
+    """The library's writer (chunks, zstd, checksums, indexes), which takes columns too; see `mcap_file`."""
 
     def __init__(self, stream: Any, start_ns: int) -> None:
         super().__init__(stream, chunk_size=CHUNK_BYTES)
@@ -231,17 +224,14 @@ class ColumnWriter(Writer):
         """Log times (ns) of (n,) seconds; InputError before 0, which MCAP cannot hold."""
         stamps = self._start_ns + np.rint(np.asarray(time, dtype=np.float64) * 1e9).astype(np.int64)
         if stamps.size and stamps.min() < 0:
-            raise InputError(
-                f"time starts at {np.min(time):.3f} s, MCAP has no negative times", mend="give a start_ns"
-            )
+            problem = f"time starts at {np.min(time):.3f} s, MCAP has no negative times"
+            raise InputError(problem, mend="give a start_ns")
         return np.asarray(stamps)
 
     def add_columns(self, topics: Mapping[str, Mapping[str, ArrayLike]]) -> None:
         """Write the next messages of some topics in the order of time.
 
-        Parameters
-        ----------
-        topics : name to columns (n,), with a ``time``, s; ``ekf.leakage`` is a field of a nested message.
+        `topics`: name to columns (n,), with a ``time``, s; ``ekf.leakage`` is a field of a nested message.
 
         Raises InputError: columns of several lengths, or other ones than the topic's; a time before 0.
         """
@@ -333,6 +323,7 @@ def mcap_file(
     """A file to write columns into; it appears whole or not at all.
 
     `metadata`, records of name to texts, come first: a file that is cut off later still tells what it was.
+    `start_ns`: ns; log time of t = 0.
     """
     with whole_file(path) as temporary, temporary.open("wb") as stream:
         writer = ColumnWriter(stream, start_ns)

@@ -1,8 +1,6 @@
 """Stamps made times that increase; what is missing or odd in a log, and what makes it unusable.
 
-Missing rows, late stamps, gaps and NaN are reported. Only what would make every
-answer wrong is refused: a clock that runs backwards, quantities in another unit
-of measure than is said, a log too short or without the channels it needs.
+What is missing or late is reported. Only what would make every answer wrong is refused.
 """
 
 from __future__ import annotations
@@ -38,9 +36,7 @@ def increasing_time(
 
     Rows of one packet are spread, repeats dropped, late stamps put between their neighbours.
 
-    Parameters
-    ----------
-    time : (n,) s, as read. place : how a user finds a row in the log.
+    `time`: (n,) s, as read. `place`: how a user finds a row in the log.
 
     Returns (m,) s, strictly increasing; (m,) rows kept; notes of what was done.
 
@@ -68,23 +64,19 @@ def increasing_time(
         if late.sum() > max(3, LATE_SHARE * time.size) or (time - later).max() > JUMP_PERIODS * period:
             at = int(back[0]) + 1
             where = f"time runs backwards at {place(int(rows[at]))}"
-            raise InputError(
-                f"{where}: {time[at]:.6f} s after {time[at - 1]:.6f} s",
-                mend="sort the log, or cut it where its clock was reset",
-            )
+            mend = "sort the log, or cut it where its clock was reset"
+            raise InputError(f"{where}: {time[at]:.6f} s after {time[at - 1]:.6f} s", mend=mend)
         index = np.arange(time.size, dtype=np.float64)
         time = np.interp(index, index[~late], time[~late])
         notes.append(f"{int(late.sum())} late time stamps were put between their neighbours")
     cuts = np.flatnonzero(np.diff(time) > STOPPED_S) + 1
     if cuts.size:
-        edges = np.concatenate(([0], cuts, [time.size]))
-        longest = int(np.argmax(np.diff(edges)))
-        part = slice(int(edges[longest]), int(edges[longest + 1]))
+        longest = max(np.split(np.arange(time.size), cuts), key=len)
         notes.append(
             f"the log stands still for more than {STOPPED_S / 3600:g} h: "
-            f"{time.size - (part.stop - part.start)} rows before or after its longest part were left out"
+            f"{time.size - longest.size} rows before or after its longest part were left out"
         )
-        rows, time = rows[part], time[part]
+        rows, time = rows[longest], time[longest]
     return time, rows, notes
 
 
@@ -118,16 +110,10 @@ def nominal_period(time: Column) -> float:
 
 
 def sample_numbers(time: Column, period: float) -> NDArray[np.int64]:
-    """Number of each row on the grid of the nominal period, so that gaps are whole periods.
+    """Numbers of (n,) rows on the grid of the nominal period, s; in a step of k rows k - 1 are missing.
 
-    A stamp that came late makes a long step and then a short one; the row keeps its own number, it is not
-    counted as a missing row.
-
-    Parameters
-    ----------
-    time, period : (n,) s, increasing; s, nominal.
-
-    Returns (n,) integers, strictly increasing; a step of k means k - 1 missing rows.
+    They increase strictly. A stamp that came late makes a long step and then a short one; the row keeps its
+    own number.
 
     Examples
     --------
@@ -165,10 +151,8 @@ def check_time(time: Column, shortest: float) -> DataQuality:
     period = nominal_period(time)
     seconds = 0.0 if time.size < 2 else min(float(time[-1] - time[0]) + period, time.size * period)
     if seconds < shortest:
-        raise InputError(
-            f"a log of {seconds:.3g} s ({time.size} rows) is too short",
-            mend=f"record at least {max(RECOMMENDED_SECONDS, shortest):g} s",
-        )
+        mend = f"record at least {max(RECOMMENDED_SECONDS, shortest):g} s"
+        raise InputError(f"a log of {seconds:.3g} s ({time.size} rows) is too short", mend=mend)
     quality = DataQuality(period=period)
     steps, missing = np.diff(time), np.diff(sample_numbers(time, period)) - 1
     quality.dropped_samples = int(missing[steps <= COUNTED_GAP].sum())
@@ -202,11 +186,9 @@ def count_missing(columns: Mapping[str, Column], quality: DataQuality) -> None:
 
 
 def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | None = None) -> None:
-    """Refuse quantities whose size tells that their unit of measure is another one.
+    """Refuse quantities (`columns`, in SI) whose size tells that their unit of measure is another one.
 
-    Parameters
-    ----------
-    columns : in SI. units : what the map or the file gives a channel in; SI where it says nothing.
+    `units`: what the map or the file gives a channel in; SI where it says nothing.
 
     Raises InputError: names the channel, the largest value as it was written, and the likely unit.
     """
@@ -216,11 +198,8 @@ def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | N
         mend = f"give unit: {likely}" if likely != unit else "correct its scale or unit"
         return InputError(f"channel {channel}: {problem}", mend=f"{mend} in the map (--map)")
 
-    judged = {name: columns[name] for name in (*PRESSURES, "position") if name in columns}
-    largest = {
-        name: float(max(np.nanmax(v), -np.nanmin(v))) if np.isfinite(v).any() else 0.0
-        for name, v in judged.items()
-    }
+    judged = [name for name in (*PRESSURES, "position") if name in columns]
+    largest = {name: float(np.nanmax(np.abs(columns[name]), initial=0.0)) for name in judged}
     chambers = [largest[name] for name in ("pressure_1", "pressure_2") if name in largest]
     # What a chamber's largest pressure reaches at least: more where no chamber shows any.
     quiet = bool(chambers) and max(*chambers, largest.get("pressure_difference", 0.0)) < 2e4

@@ -23,14 +23,10 @@ _SLOWER = 0.75
 
 
 def aligned(at: Column, stamps: Column, values: Column) -> Column:
-    """A series on another time base.
+    """A series, (m,) stamps (s) and values, at the rows of another time base, `at`, (n,) s, increasing.
 
     Each measurement of a slower series goes to the row nearest to it, moved there along the line to its
     neighbour; the rows between have none. A faster series is averaged over the rows' periods.
-
-    Parameters
-    ----------
-    at : (n,) s, increasing; the rows. stamps, values : (m,) s and values of the series; NaN where missing.
 
     Returns (n,) values, NaN where no measurement belongs to the row.
 
@@ -76,9 +72,7 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
     What is held changes only at a rhythm of two rows or more, throughout the log; what is interpolated bends
     only at such a rhythm. Noise changes and bends at any row, and what moves slowly at no fixed rhythm.
 
-    Parameters
-    ----------
-    time : (n,) s. values : (n,); NaN where one is missing. period : s, of the rows.
+    `time`: (n,) s. `values`: (n,); NaN where one is missing. `period`: s, of the rows.
 
     Returns (n,) measurements with NaN between, and their period in s; None where the values are all its own.
 
@@ -139,10 +133,8 @@ def on_common_rows(
 ) -> NDArray[np.intp] | None:
     """Rows of the slowest of some channels, where they are seldom measured in the same rows.
 
-    Else those in which any was measured, where these are few; else None.
-
-    Two slow channels that take turns never meet; then the others have to be read between their measurements
-    (`between`).
+    Else those in which any was measured, where these are few; else None. Two slow channels that take turns
+    never meet: the others are read `between` their measurements.
 
     `time`: (n,) s. `columns`: (n,) each; NaN where not measured. `needed`: channels that have to meet.
     """

@@ -35,15 +35,9 @@ def axis_file(path: str | Path, axis: str, axes: Sequence[str]) -> Path:
 
 
 def write_table_blocks(path: str | Path, blocks: Iterable[RunBlock], *, axes: Sequence[str]) -> list[Path]:
-    """Write the measurements of a run from an iterator of blocks, a file for each axis; gives the files.
+    """Write the measurements of a run, a file for each axis (`axis_file`), csv or parquet; gives the files.
 
-    No more than a block is held. The files appear once all of them are whole. A table has no place for truth
-    and metadata.
-
-    Parameters
-    ----------
-    path : the file, or the name that each axis's is made of (see `axis_file`); csv or parquet by its suffix.
-    blocks : in time order for each axis. axes : names of all of them.
+    `blocks`: in time order for each axis; no more than one is held. The files appear once all are whole.
 
     Raises InputError: a file cannot be written, or the columns change from block to block.
     """
@@ -83,8 +77,6 @@ def _write(paths: Mapping[str, str | Path], parts: Iterable[tuple[str, Samples]]
                 writers[axis] = stack.enter_context(opened), table.schema
             writer, schema = writers[axis]
             if table.schema != schema:
-                told = (
-                    f"a block has the columns {', '.join(columns)}, the ones before {', '.join(schema.names)}"
-                )
+                told = f"columns {', '.join(columns)} after blocks with {', '.join(schema.names)}"
                 raise InputError(told, where=paths[axis], mend="give all blocks the same columns")
             writer.write_table(table, GROUP_ROWS)

@@ -32,11 +32,10 @@ class Choice(NamedTuple):
 
 
 def assign(scores: dict[str, dict[str, float]], channels: list[str]) -> dict[str, Choice]:
-    """The assignment of the highest total score, each signal and channel at most once.
+    """The assignment of the highest total score (nats), each signal and channel at most once.
 
-    How sure a choice is follows from how much the total falls where it is forbidden.
-
-    `scores`: signal to channel to nats; a channel that is not there is impossible. `channels`: to be filled.
+    How sure a choice is follows from how much the total falls where it is forbidden. A channel that a signal
+    has no score of is impossible.
     """
     from scipy.optimize import linear_sum_assignment
 

@@ -123,15 +123,13 @@ class Signals:
         motion fills. Gain, leakage and compliance are fitted together, so that no load can mislead it; out
         and back have a gain each, as the two sides of a piston may differ in area.
 
-        Parameters
-        ----------
-        drop : (n,) pressure difference in any unit, or one chamber's pressure (less than zero for the side
-            that is emptied). theta : (k,) how far the pump turned in each window.
+        `drop`: (n,) pressure difference in any unit, or one chamber's pressure (less than zero for the side
+        that is emptied). `theta`: (k,) how far the pump turned in each window.
         """
         x = self.changes(position)
         if theta.size < LEAST_WINDOWS:
             return 0.0
-        parts = [np.maximum(x, 0.0), np.minimum(x, 0.0), self.sums(drop), self.changes(drop)]
+        parts = (np.maximum(x, 0.0), np.minimum(x, 0.0), self.sums(drop), self.changes(drop))
         scaled = np.column_stack(parts)
         scaled /= np.maximum(np.abs(scaled).max(axis=0), 1e-300)
         gram = scaled.T @ scaled
@@ -177,12 +175,9 @@ def _slope(y: Column, x: Column, fitted: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Shaft:
-    """An angle that begins again each turn.
+    """An angle that begins again each turn: its name, and counts a turn.
 
-    Attributes
-    ----------
-    signal : its name. wrap : counts a turn. direction : the signal whose sign is the direction, or None.
-    turned : (n,) counts, unwrapped and with that direction.
+    `direction`: the signal whose sign it has, or None. `turned`: (n,) counts, unwrapped and with that sign.
     """
 
     signal: str

@@ -15,7 +15,7 @@ from fdd.logs.mapping.behaviour import Shaft, Signals, correlation, find_shaft
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
 from fdd.logs.names import grows, is_time_name, path_parts, time_unit
 from fdd.logs.rates import aligned
-from fdd.measures import MEASURES
+from fdd.measures import measure
 from fdd.samples import CHANNELS
 
 LARGEST = 1e100
@@ -88,9 +88,7 @@ class Clues:
 
 
 def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
-    """Read a log's signals and score them.
-
-    `log`: opened. `words`: to read names by. `given`: channel to signal, as the user knows it; "" for none.
+    """Read a log's signals and score them; `given`: channel to signal, as the user knows it, "" for none.
 
     Raises InputError: nothing in the log can be its time.
     """
@@ -121,7 +119,7 @@ def _read(log: LogFile, words: Words) -> Clues:
     time, at = None, stamps[main]
     if at is None:
         time = _time_column(log, raw, main)
-        at = raw[time[0]] * MEASURES[time[1]].factor
+        at = raw[time[0]] * measure(time[1], "time").factor
     good = np.flatnonzero(np.isfinite(at) & (np.diff(at, prepend=-np.inf) > 0.0))[:MOST_ROWS_LOOKED_AT]
     columns = {}
     for name, signal in log.signals.items():

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 import yaml
@@ -36,11 +38,7 @@ _VALUE = re.compile(
 class Given:
     """What a user knows of one channel.
 
-    Attributes
-    ----------
-    signal : its name; "" for no signal at all, None where only the unit is known.
-    unit : of ``scale * raw + offset``; None where the file or the proposal tells.
-    scale, offset : of the raw number; None without.
+    `signal`: "" for none at all, None where only the unit is known. `unit`: of ``scale * raw + offset``.
     """
 
     signal: str | None
@@ -78,10 +76,9 @@ def given_of(options: Iterable[str]) -> dict[str, Given]:
     for option in options:
         channel, equals, value = option.partition("=")
         if not equals or channel not in ("pressure", *CHANNELS):
-            raise InputError(
-                f"--set {option}: no channel {channel!r}{did_you_mean(channel, ('pressure', *CHANNELS))}",
-                mend=f"write {FORM}, with one of: {', '.join(CHANNELS)}",
-            )
+            near = did_you_mean(channel, ("pressure", *CHANNELS))
+            mend = f"write {FORM}, with one of: {', '.join(CHANNELS)}"
+            raise InputError(f"--set {option}: no channel {channel!r}{near}", mend=mend)
         parts = _VALUE.fullmatch(value)
         assert parts is not None  # every text matches, as a name at least
         signal, unit = parts["signal"], parts["unit"]
@@ -110,13 +107,7 @@ class Proposed:
 
 @dataclass
 class Proposal:
-    """A map, how sure each part is, and what has to be asked.
-
-    Attributes
-    ----------
-    rows : by channel. questions : open ones. notes : what was found out, one line each.
-    unused : signals that are no channel.
-    """
+    """A map by channel, open questions, what was found out, and signals that are no channel."""
 
     rows: dict[str, Proposed] = field(default_factory=dict)
     questions: list[Question] = field(default_factory=list)
@@ -156,23 +147,19 @@ class Proposal:
         self.channel_map(name, axis)
         head = {"schema": "fdd.map/1", "name": name, **({} if axis is None else {"axis": axis})}
         lines = [f"# Channel map proposed by fdd map from {made_of}.", *(f"# {n}." for n in self.notes)]
-        lines += yaml.safe_dump(head, sort_keys=False, allow_unicode=True).splitlines()
+        dump: Any = partial(yaml.safe_dump, sort_keys=False, allow_unicode=True, width=9999)
+        lines += dump(head).splitlines()
         lines.append("channels:")
         for channel in (c for c in CHANNELS if c in self.rows):
             row = self.rows[channel]
             entry = row.source.model_dump(by_alias=True, exclude_defaults=True)
-            flow = yaml.safe_dump(
-                entry, default_flow_style=True, sort_keys=False, allow_unicode=True, width=9999
-            )
-            lines.append(f"  {channel}: {flow.strip()}  # {100 * row.confidence:.0f} %: {row.why}")
+            flow = dump(entry, default_flow_style=True).strip()
+            lines.append(f"  {channel}: {flow}  # {100 * row.confidence:.0f} %: {row.why}")
         return "\n".join(lines) + "\n"
 
 
 def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | None = None) -> Proposal:
-    """Propose a map for a log.
-
-    `log`: opened. `words`: to read names by; the shipped ones. `given`: what the user knows, by channel; see
-    `given_of`.
+    """Propose a map for a log; `given`: what the user knows, by channel (`given_of`).
 
     Raises InputError: nothing in the log can be its time, or a given signal is not there.
     """

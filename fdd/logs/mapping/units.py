@@ -33,12 +33,9 @@ Sources = dict[str, ChannelSource]
 
 @dataclass(frozen=True)
 class Question:
-    """What the log does not tell.
+    """What the log does not tell, in one sentence.
 
-    Attributes
-    ----------
-    text : one sentence. options : answer to the sources that it sets; the likeliest first.
-    hint : the options of the command that answer it.
+    `options`: answer to the sources that it sets, the likeliest first. `hint`: options of the command.
     """
 
     channel: str
