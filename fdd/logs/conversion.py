@@ -20,13 +20,9 @@ LONGEST_BRIDGE = 1.0
 
 
 class Feed(NamedTuple):
-    """A channel's source in an opened file.
+    """A channel's source in an opened file, its signal, and the one whose sign is the direction.
 
-    Attributes
-    ----------
-    source : how its numbers are converted.
-    signal : where they stand; of a time without a column, the clock alone counts.
-    direction : the signal whose sign is the direction, where there is one.
+    Of a time without a column the signal's clock alone counts.
     """
 
     source: ChannelSource

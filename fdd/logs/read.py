@@ -45,8 +45,7 @@ class Log:
     quality : what was missing or odd.
     name : file name.
     axis : of the topic, the map, or the caller; None where nothing tells.
-    metadata : of an MCAP file: record name to its key-value pairs. A run of
-        ours has ``metadata["unit"]["yaml"]`` and ``metadata["scenario"]["json"]``.
+    metadata : record name to key-value pairs (MCAP); of our runs ``["unit"]["yaml"]`` among them.
     start_ns : ns since 1970, of t = 0; 0 where the file has no date.
     """
 
@@ -70,15 +69,10 @@ def read_log(
     Parameters
     ----------
     path : the log. Its content tells what it is, whatever its suffix.
-    map : where the channels stand: a channel map, or the path of one. Not needed
-        where columns carry the contract's names, or MCAP messages stand on
-        ``/eha/<axis>/measurement``.
+    map : where the channels stand: a channel map, or the path of one. Not needed where columns carry the
+        contract's names, or MCAP messages stand on ``/eha/<axis>/measurement``.
     axis : which axis of an MCAP file with several.
     shortest : s; a shorter log is refused.
-
-    Returns
-    -------
-    Log : samples in SI and what was odd about them.
 
     Raises
     ------

@@ -25,16 +25,13 @@ def _starts(*magic: bytes) -> Callable[[bytes], bool]:
     return lambda head: head.startswith(magic)
 
 
-def _hdf5(head: bytes) -> bool:
-    # A MATLAB 7.3 file is HDF5 behind 512 bytes of its own.
-    return b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:520])
-
-
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+"""A MATLAB 7.3 file has it behind 512 bytes of its own."""
 FORMATS: tuple[Format, ...] = (
     Format("MCAP", (".mcap",), _starts(b"\x89MCAP0\r\n"), "mcap:open_mcap"),
     Format("Parquet", (".parquet", ".pq"), _starts(b"PAR1"), "arrow:open_parquet"),
     Format("Feather", (".feather", ".arrow"), _starts(b"ARROW1"), "arrow:open_feather"),
-    Format("HDF5", (".h5", ".hdf5", ".hdf"), _hdf5, "hdf5:open_hdf5"),
+    Format("HDF5", (".h5", ".hdf5", ".hdf"), lambda h: _HDF5 in (h[:8], h[512:520]), "hdf5:open_hdf5"),
     Format("MATLAB", (".mat",), _starts(b"MATLAB 5.0 MAT-file"), "matlab:open_matlab"),
     Format("MDF", (".mf4", ".mdf", ".dat"), _starts(b"MDF     ", b"UnFinMF "), "mdf:open_mdf", "mdf"),
     Format("TDMS", (".tdms",), _starts(b"TDSm"), "tdms:open_tdms"),

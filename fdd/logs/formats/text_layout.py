@@ -64,14 +64,9 @@ def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where a table's parts stand.
+    """Where a table's parts stand; a unit is "" where there is none.
 
-    Attributes
-    ----------
-    separator, decimal : one character each.
-    names, units : of the columns; a unit is "" where there is none.
-    first_line : index of the first line of numbers, from 0.
-    first_row : its cells.
+    `first_line`: index of the first line of numbers, from 0. `first_row`: its cells.
     """
 
     separator: str

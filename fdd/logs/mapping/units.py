@@ -8,7 +8,7 @@ import numpy as np
 
 from fdd.logs.channel_map import ChannelSource
 from fdd.logs.mapping.evidence import Clues
-from fdd.measures import MEASURES, find_measure
+from fdd.measures import MEASURES, find_measure, measure
 from fdd.samples import CHANNELS
 
 USUAL = {"ratio": (3e-4, 4.0), "pressure": (5e6, 4.0), "pump_speed": (200.0, 3.0)}
@@ -130,8 +130,7 @@ def _nats(
         return max(float(np.nanpercentile(np.abs(columns[names[c]]), 99.0)) for c in channels)
 
     def factor(unit: str | None, dimension: str) -> float:
-        measured = None if unit is None else find_measure(unit, dimension)
-        return 1.0 if measured is None else measured.factor
+        return 1.0 if unit is None else measure(unit, dimension).factor
 
     if kind == "motor_current":
         return {"A": 0.0, "mA": -5.0 if top([kind]) < 300.0 else 3.0}
