@@ -8,7 +8,7 @@ A map is a YAML file (docs/logs.md)::
       time:       {column: t, unit: s}
       position:   {column: cyl_pos, unit: mm}
       command:    {column: drive_V, scale: 31.416, unit: rad/s}
-      pump_angle: {from: pump_speed}
+      pump_angle: {from: pump_speed, period: 0.001}
 
 The channels may also stand at the top level, without ``channels:``.
 """
@@ -48,6 +48,7 @@ class ChannelSource(BaseModel):
         one way and a valve chooses it. An angle is accumulated with it, anything else multiplied by it.
     from_ : written ``from``: ``pump_angle: {from: pump_speed}`` accumulates the angle from the speed,
         ``pump_speed: {from: command}`` takes the demanded speed for the measured one.
+    period : s; with `from`, what one speed sample stands for; the log's own nominal period without it.
     delay : s by which the channel comes late in the log; it is taken out.
     """
 
@@ -63,6 +64,7 @@ class ChannelSource(BaseModel):
     wrap: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     sign_of: str | None = None
     from_: Literal["pump_speed", "command"] | None = Field(default=None, alias="from")
+    period: Annotated[float, Field(gt=0, le=1)] | None = None
     delay: Annotated[float, Field(ge=-10, le=10)] = 0.0
 
     @model_validator(mode="after")
@@ -72,7 +74,9 @@ class ChannelSource(BaseModel):
             raise ValueError(f"give one of column, topic or from (given: {', '.join(given) or 'none'})")
         if self.field is not None and self.topic is None:
             raise ValueError("field needs a topic")
-        if self.from_ is not None and (more := self.model_fields_set - {"from_"}):
+        if self.period is not None and self.from_ is None:
+            raise ValueError("period goes with 'from: pump_speed' only")
+        if self.from_ is not None and (more := self.model_fields_set - {"from_", "period"}):
             raise ValueError(f"{sorted(more)[0]} does not go with from")
         if self.scale == 0.0:
             raise ValueError("scale is 0")

@@ -201,7 +201,8 @@ def _judged(
             "what the drive does not follow looks like a leak"
         )
     if "pump_angle" not in columns:
-        columns["pump_angle"] = accumulate_speed(time, columns["pump_speed"], quality.period)
+        stands_for = made["pump_angle"].period if "pump_angle" in made else None
+        columns["pump_angle"] = accumulate_speed(time, columns["pump_speed"], stands_for or quality.period)
     if "pressure_difference" not in columns:
         columns["pressure_difference"] = columns["pressure_1"] - columns["pressure_2"]
     slow = set()

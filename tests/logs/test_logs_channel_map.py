@@ -53,6 +53,7 @@ def test_long_and_short_form() -> None:
         ("position: {topic: /a, field: x, scale: 0}", ["scale is 0"]),
         ("position: {topic: /a, field: x, scale: .nan}", ["position.scale"]),
         ("position: {topic: /a, field: x, sign: 2}", ["position.sign"]),
+        ("position: {topic: /a, field: x, period: 1}", ["period goes with"]),
         ("pump_angle: {from: pump_speed}\nposition: {topic: /a, field: x}", ["the map does not give"]),
         ("pump_angle: {from: pump_speed, unit: rpm}", ["unit does not go with from"]),
         ("position: {from: pump_speed}\npump_speed: {topic: /a, field: x}", ["makes pump_angle of"]),
