@@ -28,8 +28,6 @@ _READ = 1 << 16
 _RECEIVED_BYTES = 8 << 20
 _ON_THEIR_WAY = 32
 """Blocks of one connection that may wait for the fleet."""
-
-
 Config = TypeVar("Config", bound=TcpSource | UdpSource | StdinSource)
 
 
@@ -50,12 +48,7 @@ class Listener(Source[Config]):
 
 
 class _Feed:
-    """One connection's messages to blocks.
-
-    Parameters
-    ----------
-    stop : ends a wait. window : how many blocks may be on their way; None where the sender cannot wait.
-    """
+    """One connection's messages to blocks; without a window where the sender cannot wait."""
 
     def __init__(self, source: Listener[Any], stop: threading.Event, window: Window | None = None) -> None:
         self._source, self._stop, self._window = source, stop, window
@@ -68,9 +61,7 @@ class _Feed:
     def pump(self, read: Callable[[], bytes], idle: float = math.inf) -> str:
         """Read to the stream's end, `stop` or `idle` s of silence; which of them ("end", "stop", "silent").
 
-        Parameters
-        ----------
-        read : gives b"" at the end; raises TimeoutError where nothing comes for a moment.
+        `read` gives b"" at the end, and raises TimeoutError where nothing comes for a moment.
         """
         heard, tail = time.monotonic(), b""
         try:
@@ -103,16 +94,16 @@ class _Feed:
 
     def take(self, line: bytes) -> None:
         """One line or one datagram; what is wrong with it is counted and told."""
-        decoder, name = self._source.decoder, self._source.name
+        decoder = self._source.decoder
         try:
             if line.startswith(ARROW_START):
-                block = decoder.decode(line, name, **self._more)
+                block = decoder.decode(line, **self._more)
             else:
                 message = json_object(line)
                 if "schema" not in message:
                     self._gather(message)
                     return
-                block = decoder.decode_object(message, name, **self._more)
+                block = decoder.decode_object(message, **self._more)
             self.flush()  # samples that came before
             self._give(block)
         except InputError as error:
@@ -129,13 +120,12 @@ class _Feed:
             self._since = time.monotonic()
         self._rows.setdefault(axis, []).append(sample)
         self._pending += 1
-        if self._pending >= MOST_PENDING:
-            self.flush()
         self.flush_if_due()
 
     def flush_if_due(self) -> None:
-        """Give the samples that were gathered long enough."""
-        if self._pending and time.monotonic() - self._since >= GATHERED_S:
+        """Give the samples that were gathered long enough, or are many."""
+        due = time.monotonic() - self._since >= GATHERED_S or self._pending >= MOST_PENDING
+        if self._pending and due:
             self.flush()
 
     def flush(self) -> None:
@@ -164,7 +154,7 @@ class _Feed:
         cuts = np.flatnonzero(np.diff(stamps) <= 0.0) + 1
         for part in np.split(np.arange(stamps.size), cuts) if stamps.size else ():
             samples = Samples(stamps[part], {n: v[part] for n, v in columns.items()})
-            self._give(Block(axis, samples, None, source.name, time.time(), **self._more))
+            self._give(Block(axis, samples, None, time.time(), **self._more))
 
     def _give(self, block: Block) -> None:
         if self._window is None or self._window.wait(self._stop):
