@@ -163,13 +163,6 @@ class UdpSource(_Listening):
     type: Literal["udp"]
 
 
-class StdinSource(_Source):
-    """JSON lines on standard input."""
-
-    type: Literal["stdin"]
-    axis: AxisName | None = None
-
-
 class FolderSource(_Source):
     """Logs that drop into a folder, looked at `every` s; without `axis` they or their subfolders name it."""
 
@@ -188,7 +181,7 @@ class ReplaySource(_Source):
 
 
 AnySource = Annotated[
-    MqttSource | TcpSource | UdpSource | StdinSource | FolderSource | ReplaySource,
+    MqttSource | TcpSource | UdpSource | FolderSource | ReplaySource,
     Field(discriminator="type"),
 ]
 

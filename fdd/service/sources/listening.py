@@ -1,15 +1,10 @@
-"""JSON lines over TCP and on standard input, datagrams over UDP: blocks, or single samples."""
+"""JSON lines over TCP, datagrams over UDP: blocks, or single samples."""
 
 from __future__ import annotations
 
-import math
-import os
-import select
 import socket
-import sys
 import threading
 import time
-from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,7 +14,7 @@ from fdd.errors import InputError
 from fdd.monitor.lines import split_lines
 from fdd.samples import Samples
 from fdd.service.blocks import ARROW_START, Block, Decoder, axis_name, json_object
-from fdd.service.config_sources import StdinSource, TcpSource, UdpSource, bound_socket
+from fdd.service.config_sources import TcpSource, UdpSource, bound_socket
 from fdd.service.sources.source import Source, Window
 
 GATHERED_S = 0.1
@@ -28,7 +23,7 @@ _READ = 1 << 16
 _RECEIVED_BYTES = 8 << 20
 _ON_THEIR_WAY = 32
 """Blocks of one connection that may wait for the fleet."""
-Config = TypeVar("Config", bound=TcpSource | UdpSource | StdinSource)
+Config = TypeVar("Config", bound=TcpSource | UdpSource)
 
 
 class Listener(Source[Config]):
@@ -39,7 +34,8 @@ class Listener(Source[Config]):
         self.axis, self.decoder = config.axis, Decoder(self._map)
         self._open = set[socket.socket]()
 
-    def _bound(self, config: TcpSource | UdpSource, kind: socket.SocketKind) -> socket.socket:
+    def _bound(self, kind: socket.SocketKind) -> socket.socket:
+        config = self._config
         where = f"{config.type} {config.host}:{config.port}"
         bound = bound_socket(config.host, config.port, where, "name a free port", kind)
         bound.settimeout(GATHERED_S)
@@ -58,26 +54,23 @@ class _Feed:
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._pending, self._since = 0, time.monotonic()
 
-    def pump(self, read: Callable[[], bytes], idle: float = math.inf) -> str:
-        """Read to the stream's end, `stop` or `idle` s of silence; which of them ("end", "stop", "silent").
-
-        `read` gives b"" at the end, and raises TimeoutError where nothing comes for a moment.
-        """
+    def pump(self, connection: socket.socket, idle: float) -> bool:
+        """Read to the stream's end, `stop` or `idle` s of silence; whether it was that."""
         heard, tail = time.monotonic(), b""
         try:
             while not self._stop.is_set():
                 try:
-                    chunk = read()
+                    chunk = connection.recv(_READ)
                 except TimeoutError:
                     if time.monotonic() - heard > idle:
-                        return "silent"
+                        return True
                 else:
                     if not chunk:
-                        return "end"
+                        break
                     tail = self._lines(tail, chunk)
                     heard = time.monotonic()
                 self.flush_if_due()
-            return "stop"
+            return False
         finally:
             self._lines(tail, b"", ended=True)
             self.flush()
@@ -169,7 +162,7 @@ class TcpLines(Listener[TcpSource]):
         return {**super().status(), "connections": len(self._open)}
 
     def _begin(self, stop: threading.Event) -> None:
-        listener = self._bound(self._config, socket.SOCK_STREAM)
+        listener = self._bound(socket.SOCK_STREAM)
         listener.listen()
         self._run(self._accept, listener, stop)
 
@@ -195,7 +188,7 @@ class TcpLines(Listener[TcpSource]):
         try:
             connection.settimeout(GATHERED_S)
             feed, idle = _Feed(self, stop, Window(_ON_THEIR_WAY)), self._config.idle
-            if feed.pump(lambda: connection.recv(_READ), idle) == "silent":
+            if feed.pump(connection, idle):
                 self._told(f"{peer}: silent for {idle:g} s, closed")
         except OSError as error:
             self._told(f"{peer}: connection lost ({error.strerror or error})")
@@ -208,7 +201,7 @@ class Datagrams(Listener[UdpSource]):
     """A UDP port that takes a message, a block or a sample, in each datagram."""
 
     def _begin(self, stop: threading.Event) -> None:
-        bound = self._bound(self._config, socket.SOCK_DGRAM)
+        bound = self._bound(socket.SOCK_DGRAM)
         # A hundred axes may send in one instant; the system grants what it allows.
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED_BYTES)
         self._run(self._receive, bound, stop)
@@ -225,20 +218,3 @@ class Datagrams(Listener[UdpSource]):
                     self._told(f"datagram lost ({error.strerror or error})")
                 feed.flush_if_due()
         feed.flush()
-
-
-class StandardInput(Listener[StdinSource]):
-    """JSON lines on standard input, to its end; `ended` of the status tells that all was read."""
-
-    def _begin(self, stop: threading.Event) -> None:
-        self._set(ended=False)
-        self._run(self._read, sys.stdin.fileno(), stop)
-
-    def _read(self, number: int, stop: threading.Event) -> None:
-        def read() -> bytes:
-            # Not a plain read: a silent stream would hold the last samples back, and the end of the service.
-            if not select.select([number], [], [], GATHERED_S)[0]:
-                raise TimeoutError
-            return os.read(number, _READ)
-
-        self._set(ended=_Feed(self, stop, Window(_ON_THEIR_WAY)).pump(read) == "end")
