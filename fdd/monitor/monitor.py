@@ -165,16 +165,10 @@ Event = Found | Noted | Status
 
 
 def watch(
-    source: JsonLines | Replay,
-    pipeline: Pipeline,
-    emit: Callable[[Event], None],
-    *,
-    clock: WallClock,
-    stopped: Callable[[], bool] = lambda: False,
-    duration: float | None = None,
-    status_every: float | None = None,
-    scales: StreamScales | None = None,
-) -> Diagnosis:
+    source: JsonLines | Replay, pipeline: Pipeline, emit: Callable[[Event], None], *, clock: WallClock,
+    stopped: Callable[[], bool] = lambda: False, duration: float | None = None,
+    status_every: float | None = None, scales: StreamScales | None = None,
+) -> Diagnosis:  # fmt: skip
     """Diagnose what a source gives until it ends, or until told to stop; the answer on everything seen.
 
     Parameters

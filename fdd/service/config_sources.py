@@ -180,10 +180,8 @@ class ReplaySource(_Source):
     speed: Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["max"] = 1.0
 
 
-AnySource = Annotated[
-    MqttSource | TcpSource | UdpSource | FolderSource | ReplaySource,
-    Field(discriminator="type"),
-]
+_Sources = MqttSource | TcpSource | UdpSource | FolderSource | ReplaySource
+AnySource = Annotated[_Sources, Field(discriminator="type")]
 
 
 def read_secret(path: Path) -> str:

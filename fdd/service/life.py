@@ -39,10 +39,8 @@ def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:
     axes = {str(row["name"]): row for row in store.axes()}
     chosen = next(iter(axes)) if name is None and len(axes) == 1 else name or ""
     if chosen not in axes:
-        raise InputError(
-            f"no axis {name}" if name else f"{len(axes)} axes", where="the store",
-            mend=f"give --axis, of {', '.join(list(axes)[:20]) or 'none yet'}",
-        )  # fmt: skip
+        problem, known = f"no axis {name}" if name else f"{len(axes)} axes", ", ".join(list(axes)[:20])
+        raise InputError(problem, where="the store", mend=f"give --axis, of {known or 'none yet'}")
     row = axes[chosen]
     text = store.meta(profile_key(row["profile_sha256"] or ""))
     if text is not None:

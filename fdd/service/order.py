@@ -257,6 +257,5 @@ def _joined(parts: list[Samples]) -> tuple[Array, dict[str, Array]]:
     if len(parts) == 1:
         return parts[0].time, parts[0].columns
     names = dict.fromkeys(name for p in parts for name in p.channels)
-    return np.concatenate([p.time for p in parts]), {
-        n: np.concatenate([p.get(n) for p in parts]) for n in names
-    }
+    columns = {n: np.concatenate([p.get(n) for p in parts]) for n in names}
+    return np.concatenate([p.time for p in parts]), columns

@@ -56,10 +56,9 @@ class Webhook(Target):
         told = {"schema": "fdd.event/1", "id": message.id, "kind": message.kind, "data": message.body}
         body = orjson.dumps(told)
         headers = {
-            "Content-Type": "application/json",
-            "User-Agent": f"fdd/{__version__}",
+            "Content-Type": "application/json", "User-Agent": f"fdd/{__version__}",
             "Idempotency-Key": hashlib.sha256(body).hexdigest()[:32],
-        }
+        }  # fmt: skip
         if self._secret is not None:
             stamp = str(int(time.time()))
             headers |= {"X-Fdd-Timestamp": stamp, "X-Fdd-Signature": signature(self._secret, stamp, body)}

@@ -232,9 +232,8 @@ class Store:
         """What `AlarmBook.restore` takes: alarms that are not over, each key's last one, and the next id."""
         c = ALARM.c
         last = select(func.max(c.id)).group_by(c.axis, c.key)
-        kept = self._rows(
-            select(c.id, c.body).where(sa.or_(c.state != "NORMAL", c.id.in_(last))).order_by(c.id)
-        )
+        chosen = select(c.id, c.body).where(sa.or_(c.state != "NORMAL", c.id.in_(last)))
+        kept = self._rows(chosen.order_by(c.id))
         return {"next_id": kept[-1]["id"] + 1 if kept else 1, "alarms": [row["body"] for row in kept]}
 
     def findings(self, limit: int = 1000) -> list[Row]:
