@@ -155,10 +155,11 @@ class Mqtt(Source[MqttSource]):
             axis = None if level is None else axis_name(topic.split("/")[level])
             payload = bytes(message.payload)
             self.take(self._decoder.decode(payload, axis=axis, patient=True, accepted=done))
-        except Exception as error:  # a fault of fdd too; paho's thread and the messages after it must go on
-            if not isinstance(error, InputError):
-                error = InputError(f"internal error: {type(error).__name__}: {error}")
+        except InputError as error:
             self.refuse(error.at(f"topic {topic[:100]}"))
+            done()
+        except Exception as error:  # a fault of fdd; paho's thread and the messages after it must go on
+            self.refuse(InputError(f"internal error: {type(error).__name__}: {error}"))
             done()
 
     def _forget(self) -> None:
