@@ -171,11 +171,9 @@ def watch(
 ) -> Diagnosis:  # fmt: skip
     """Diagnose what a source gives until it ends, or until told to stop; the answer on everything seen.
 
-    Parameters
-    ----------
-    pipeline : made with ``keep_trajectories=False``, else its memory grows for ever.
-    stopped : asked after each block. duration : s of the stream after which to end; None goes on.
-    status_every : s between `Status` events; None gives none. scales : holds the stream against its profile.
+    The pipeline is made with ``keep_trajectories=False``, else its memory grows for ever. `stopped` is asked
+    after each block. `duration`: s of the stream after which to end; None goes on. `status_every`: s between
+    `Status` events; None gives none. `scales` holds the stream against its profile.
 
     Raises InputError: channels that do not suffice, or are in another unit of measure.
     """

@@ -31,10 +31,8 @@ REST_KEPT = 0.8
 class StreamClock:
     """Turn a sender's stamps into times that only go on.
 
-    Attributes
-    ----------
-    last_time, offset : s, of the last row given, and added to the sender's stamps.
-    late, resets : rows that came late or again; times that the clock was set.
+    `last_time`: s, of the last row given; `offset`: s, added to the sender's stamps; `late`: rows that came
+    late or again; `resets`: times that the clock was set.
 
     Examples
     --------

@@ -91,10 +91,8 @@ class Alarm:
 class Transition:
     """What happened to an alarm; each is a record of the audit.
 
-    Attributes
-    ----------
-    before : state before; the one after is `alarm.state`. time : s of the stream's clock, of the last look.
-    wall : Unix seconds. notify : whether people are told; not of what a chattering alarm does.
+    The state after it is `alarm.state`. `time`: s of the stream's clock, of the last look; `wall`: Unix
+    seconds; `notify`: whether people are told; not of what a chattering alarm does.
     """
 
     action: str

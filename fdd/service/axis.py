@@ -56,12 +56,8 @@ class Look:
 
 
 class AxisWatch:
-    """Watch one axis.
-
-    Parameters
-    ----------
-    unit : profile. Where it has no baseline, one is learnt of `learn_s` (s) of work without a finding.
-    hold : s, see `Order`. bus : is told its samples in the order of time.
+    """Watch one axis, and tell the bus its samples in the order of time; `hold` (s) is that of `Order`. A
+    profile without baseline gets one of `learn_s` (s) of work without a finding.
 
     Attributes
     ----------

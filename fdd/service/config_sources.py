@@ -53,13 +53,9 @@ class ClientTls(Part):
 
 
 class Broker(Part):
-    """How an MQTT broker is reached.
+    """How an MQTT broker is reached, on port 1883, or 8883 with TLS, where none is given.
 
-    Attributes
-    ----------
-    port : 1883, or 8883 with TLS, where none is given.
-    version : of the protocol. password_file : its first line is the password.
-    client_id : names the session at the broker; each process needs its own.
+    The first line of `password_file` is the password. `client_id` names the session, one for each process.
     """
 
     host: str
@@ -118,14 +114,9 @@ class _Source(Part):
 
 
 class MqttSource(Broker, _Source):
-    """Blocks published to a broker.
-
-    Attributes
-    ----------
-    topics : to subscribe to, with wildcards. A level ``{axis}`` stands for the axis's name, which the
-        message may then leave out.
-    session_hours : how long the broker keeps what was not acknowledged while fdd is away (MQTT 5).
-    """
+    """Blocks published to a broker, on `topics` with wildcards; a level ``{axis}`` stands for an axis's name,
+    which the message may then leave out. The broker keeps what was not acknowledged for `session_hours` while
+    fdd is away (MQTT 5)."""
 
     type: Literal["mqtt"]
     topics: Annotated[list[Annotated[str, Field(min_length=1, max_length=1000)]], Field(min_length=1)]

@@ -39,12 +39,9 @@ class Undelivered(Exception):
 class Target(ABC):
     """One receiver of messages, in their order and each at least once: one that fails holds back the next.
 
-    Attributes
-    ----------
-    kinds : of the messages that it is sent.
-    is_live : whether `note` takes statuses, and it hears what a chattering alarm does.
-    counts : messages delivered, attempts failed, messages given up, those that wait (at most `MOST_TAKEN`)
-        and live events lost, so far. last_error : "" while all is well.
+    `kinds` of messages are sent to it; one that `is_live` takes statuses (`note`), and hears what a
+    chattering alarm does. `counts`: messages delivered, attempts failed, messages given up, those that wait
+    (at most `MOST_TAKEN`) and live events lost, so far. `last_error`: "" while all is well.
     """
 
     kinds: Sequence[Kind] = KINDS
