@@ -105,7 +105,7 @@ def leaking() -> Samples:
 
 def attempt(trouble: Trouble, run: Samples) -> Outcome:
     """Try a trouble in a folder of its own, sending a run in lines over TCP."""
-    blocks = (Block(AXIS, block, number, "", 0.0) for number, block in enumerate(run.blocks(ROWS)))
+    blocks = (Block(AXIS, block, number, 0.0) for number, block in enumerate(run.blocks(ROWS)))
     lines = [encode_json(block) + b"\n" for block in blocks]
     with ExitStack() as kept:
         folder = Path(kept.enter_context(tempfile.TemporaryDirectory(prefix="fdd-troubles-")))

@@ -26,16 +26,9 @@ MOST_NAMES = 8
 
 
 class StreamMap:
-    """A channel map applied to what a stream sends: keys to channels in SI.
+    """A channel map applied to what a stream sends: `keys` (all that are read, in order) to channels in SI.
 
-    Parameters
-    ----------
-    channel_map : the contract's names in SI without one; the key ``time`` in s where it has no time.
-
-    Attributes
-    ----------
-    keys : all that are read, in order.
-
+    Without a map the contract's names in SI; the key ``time`` in s where the map has no time.
     Raises InputError: the map has a topic, `wrap`, or `sign_of` of an angle, which need a whole log.
 
     Examples
@@ -56,11 +49,9 @@ class StreamMap:
                 continue  # the pipeline accumulates the pump's speed itself
             angle = CHANNELS[name].dimension == "angle"
             if source.column is None or source.wrap is not None or (angle and source.sign_of is not None):
-                no = "no topic, wrap or sign_of of an angle"
-                raise InputError(
-                    f"channel {name}: a stream takes plain columns only ({no})",
-                    mend="name the key of the JSON lines: {column: KEY, unit: UNIT}",
-                )
+                only = "a stream takes plain columns only (no topic, wrap or sign_of of an angle)"
+                mend = "name the key of the JSON lines: {column: KEY, unit: UNIT}"
+                raise InputError(f"channel {name}: {only}", mend=mend)
             self.sources[name] = source
         self.keys = dict.fromkeys(
             k for s in self.sources.values() for k in (s.column, s.sign_of) if k is not None
@@ -94,19 +85,15 @@ class StreamMap:
         return all(row.get(key) is None or type(row[key]) in (float, int) for key in self.keys)
 
 
-def _number(value: Any) -> float:
-    if value is None:
-        return float("nan")
+def _number(value: float | None) -> float:
     try:
-        return float(value)
+        return float("nan" if value is None else value)
     except OverflowError:  # an integer beyond any float
         return float("inf")
 
 
 def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], bytes, int]:
-    """Whole lines of what came, the rest, and how many lines were dropped for their length.
-
-    `tail`: rest of the last call. `chunk`: what came. `ended`: whether it was the last.
+    """Whole lines of the last call's rest and what came, the new rest, and how many were dropped as too long.
 
     Examples
     --------
@@ -125,16 +112,8 @@ def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], by
 
 
 class LineParser:
-    """Turn lines into samples, and remember what was odd.
-
-    Parameters
-    ----------
-    channel_map : names and units of the lines' keys; the contract's names in SI without one.
-        `wrap`, `sign_of` of an angle and topics need a whole log and are refused.
-
-    Attributes
-    ----------
-    clock : of the stream. malformed : lines that were no JSON object with a time and numbers.
+    """Turn lines into samples, by a channel map as `StreamMap` takes it, and remember what was odd:
+    `malformed` lines were no JSON object with a time and numbers.
 
     Examples
     --------
@@ -152,7 +131,7 @@ class LineParser:
         self.malformed = 0
         self.clock, self._gaps = StreamClock(), Gaps()
         self._not_finite = self._nan = 0
-        self._unknown: dict[str, None] = {}
+        self._unknown: list[str] = []
         self._remarks: list[str] = []
         self._unchecked: list[Samples] | None = []
         self._told_malformed = False
@@ -164,12 +143,9 @@ class LineParser:
         """
         rows = [r for r in self._objects(lines) if self._usable(r)]
         columns = self._map.of_rows(rows)
-        if "time" not in columns:
-            self._count_malformed(len(rows))
-            return Samples([], {})
-        time = columns.pop("time")
+        time = columns.pop("time", np.full(len(rows), np.nan))
         stamped = np.isfinite(time)
-        self._count_malformed(int((~stamped).sum()))
+        self.malformed += int((~stamped).sum())
         time, columns = time[stamped], {n: v[stamped] for n, v in columns.items()}
         time, kept = self.clock.follow(time)
         infinite = {n: np.isinf(v[kept]) for n, v in columns.items()}
@@ -186,7 +162,7 @@ class LineParser:
         found = objects_at_once(lines)
         if found is None:
             found = [one for line in lines for one in objects_at_once([line]) or ()]
-            self._count_malformed(len(lines) - len(found))
+            self.malformed += len(lines) - len(found)
         return [row for one in found for row in (self._rows_of(one) if "schema" in one else (one,))]
 
     def _rows_of(self, block: dict[str, Any]) -> list[dict[str, Any]]:
@@ -207,7 +183,7 @@ class LineParser:
         except (KeyError, TypeError, ValueError, AttributeError):
             rows = []
         if not rows or block["schema"] != "fdd.block/1":
-            self._count_malformed(1)
+            self.malformed += 1
             return []
         return rows
 
@@ -215,10 +191,10 @@ class LineParser:
         """Whether all that is read of a line are numbers; also collects names that nobody knows."""
         for key in row:
             if key not in self._map.keys and len(self._unknown) < MOST_NAMES and key not in self._unknown:
-                self._unknown[key] = None
+                self._unknown.append(key)
                 self._remarks.append(f"{key[:40]!r} is no channel and is passed over")
         usable = self._map.are_numbers(row)
-        self._count_malformed(int(not usable))
+        self.malformed += not usable
         return usable
 
     def _check_units(self, block: Samples) -> None:
@@ -228,37 +204,29 @@ class LineParser:
                 check_magnitudes(Samples.concatenate(self._unchecked).columns)
                 self._unchecked = None
 
-    def _count_malformed(self, count: int) -> None:
-        self.malformed += count
+    def quality(self) -> Quality:
+        """Counts and notes so far."""
+        odd = {
+            "malformed lines left out": self.malformed,
+            "late or repeated lines left out": self.clock.late,
+            "infinite values taken as missing": self._not_finite,
+            "times that the clock was set": self.clock.resets,
+        }
+        notes = [f"{text}: {count}" for text, count in odd.items() if count]
+        if self._unknown:
+            notes.append(f"passed over, no channels: {', '.join(k[:40] for k in self._unknown)}")
+        gaps = self._gaps
+        return Quality(
+            dropped_samples=gaps.dropped, nan_samples=self._nan, time_jumps=gaps.jumps, notes=notes
+        )
+
+    def remarks(self) -> list[str]:
+        """Notes that are new since the last call."""
         if self.malformed and not self._told_malformed:
             self._told_malformed = True
             self._remarks.append(
                 "a line is malformed and was left out; further ones are counted "
                 '(one JSON object a line is wanted, as in {"time": 0.001, "position": 0.01}, or a block)'
             )
-
-    def quality(self) -> Quality:
-        """Counts and notes so far."""
-        notes = [
-            f"{text}: {count}"
-            for count, text in (
-                (self.malformed, "malformed lines left out"),
-                (self.clock.late, "late or repeated lines left out"),
-                (self._not_finite, "infinite values taken as missing"),
-                (self.clock.resets, "times that the clock was set"),
-            )
-            if count
-        ]
-        if self._unknown:
-            notes.append(f"passed over, no channels: {', '.join(k[:40] for k in self._unknown)}")
-        return Quality(
-            dropped_samples=self._gaps.dropped,
-            nan_samples=self._nan,
-            time_jumps=self._gaps.jumps,
-            notes=notes,
-        )
-
-    def remarks(self) -> list[str]:
-        """Notes that are new since the last call."""
         out, self._remarks = self._remarks + self.clock.remarks(), []
         return out

@@ -60,30 +60,22 @@ def pieces(samples: Samples) -> Iterator[Samples]:
 
 
 class Replay:
-    """A whole log, block by block, at the speed it was recorded or another.
-
-    Parameters
-    ----------
-    samples, quality : of the log.
-    speed : times real time; None is as fast as the machine can.
-    clock : what it waits with.
-    """
+    """A whole log, block by block, at `speed` times real time; None is as fast as the machine can."""
 
     def __init__(self, samples: Samples, quality: Quality, *, speed: float | None, clock: WallClock) -> None:
-        self.samples = samples
-        self._quality, self._speed, self._clock = quality, speed, clock
+        self._samples, self._quality, self._speed, self._clock = samples, quality, speed, clock
 
     def __iter__(self) -> Iterator[Samples]:
         if self._speed is None:
-            yield from self.samples.blocks(REPLAY_ROWS)
+            yield from self._samples.blocks(REPLAY_ROWS)
             return
         started = self._clock.now()
-        for part in pieces(self.samples):
-            due = started + float(part.time[-1] - self.samples.time[0]) / self._speed
+        for part in pieces(self._samples):
+            due = started + float(part.time[-1] - self._samples.time[0]) / self._speed
             # A long hole in the log is waited through in steps, so that the display stays alive.
             while (wait := due - self._clock.now()) > 2.0 * BLOCK_S:
                 self._clock.sleep(BLOCK_S)
-                yield self.samples.rows(0, 0)
+                yield self._samples.rows(0, 0)
             self._clock.sleep(wait)
             yield part
 
@@ -99,14 +91,9 @@ class Replay:
 class JsonLines:
     """JSON lines from a stream, one object a sample: ``{"time": 0.001, "position": 0.01, …}``, or a block.
 
-    The stream is read in a thread of its own, so that a silent machine does not hold the
-    monitor up; a monitor that cannot keep up makes the writer wait.
-
-    Parameters
-    ----------
-    read : gives at most that many bytes as soon as there are any; empty at the end.
-    parser : turns lines into samples.
-    clock : tells when a block is due.
+    A thread of its own reads the stream, so that a silent machine does not hold the monitor up; a monitor
+    that cannot keep up makes the writer wait. `read` gives at most that many bytes as soon as there are any,
+    none at the end.
     """
 
     def __init__(self, read: Callable[[int], bytes], parser: LineParser, *, clock: WallClock) -> None:
@@ -141,11 +128,9 @@ class JsonLines:
 
     def _pump(self) -> None:
         try:
-            while True:
-                chunk = self._read(READ_BYTES)
+            while chunk := self._read(READ_BYTES):
                 self._chunks.put(chunk)
-                if not chunk:
-                    return
+            self._chunks.put(b"")
         except BaseException as error:  # handed over to the thread that iterates
             self._chunks.put(error)
 
@@ -171,7 +156,6 @@ class Status:
     """How things stand: families' probabilities and the latest estimates."""
 
     time: float
-    samples: int
     verdict: str
     probabilities: dict[str, float] = field(default_factory=dict)
     estimates: dict[str, Estimate] = field(default_factory=dict)
@@ -181,28 +165,15 @@ Event = Found | Noted | Status
 
 
 def watch(
-    source: JsonLines | Replay,
-    pipeline: Pipeline,
-    emit: Callable[[Event], None],
-    *,
-    clock: WallClock,
-    stopped: Callable[[], bool] = lambda: False,
-    duration: float | None = None,
-    status_every: float | None = None,
-    scales: StreamScales | None = None,
-) -> Diagnosis:
+    source: JsonLines | Replay, pipeline: Pipeline, emit: Callable[[Event], None], *, clock: WallClock,
+    stopped: Callable[[], bool] = lambda: False, duration: float | None = None,
+    status_every: float | None = None, scales: StreamScales | None = None,
+) -> Diagnosis:  # fmt: skip
     """Diagnose what a source gives until it ends, or until told to stop; the answer on everything seen.
 
-    Parameters
-    ----------
-    source : blocks of samples.
-    pipeline : made with ``keep_trajectories=False``, else its memory grows for ever.
-    emit : takes each event as it happens.
-    clock : tells when a status is due.
-    stopped : asked after each block.
-    duration : s of the stream after which to end; None goes on.
-    status_every : s between `Status` events; None gives none.
-    scales : holds the stream against its profile.
+    The pipeline is made with ``keep_trajectories=False``, else its memory grows for ever. `stopped` is asked
+    after each block. `duration`: s of the stream after which to end; None goes on. `status_every`: s between
+    `Status` events; None gives none. `scales` holds the stream against its profile.
 
     Raises InputError: channels that do not suffice, or are in another unit of measure.
     """
@@ -225,7 +196,7 @@ def watch(
         if status_every is not None and (now := clock.now()) >= status_due and not math.isnan(last):
             status_due = now + status_every
             told = pipeline.finish()
-            emit(Status(last, told.samples, told.verdict, told.probabilities, told.estimates))
+            emit(Status(last, told.verdict, told.probabilities, told.estimates))
         if stopped() or (duration is not None and last - first >= duration - 1e-9):
             break
     for text in source.remarks():

@@ -31,11 +31,8 @@ REST_KEPT = 0.8
 class StreamClock:
     """Turn a sender's stamps into times that only go on.
 
-    Attributes
-    ----------
-    last_time : s, of the last row given.
-    offset : s, added to the sender's stamps.
-    late, resets : rows that came late or again; times that the clock was set.
+    `last_time`: s, of the last row given; `offset`: s, added to the sender's stamps; `late`: rows that came
+    late or again; `resets`: times that the clock was set.
 
     Examples
     --------
@@ -62,14 +59,10 @@ class StreamClock:
         while start < time.size:
             stamps = time[start : start + TOGETHER] + self.offset
             # Highest stamp before each row: what a late row is compared with.
-            before = np.maximum.accumulate(
-                np.concatenate([[last if np.isfinite(last) else -np.inf], stamps])
-            )[:-1]
-            jump = stamps - before
-            known = np.isfinite(before)
-            set_ = np.flatnonzero(known & ((jump < -CLOCK_BACK_S) | (jump > CLOCK_AHEAD_S)))
+            jump = stamps - np.fmax.accumulate(np.concatenate([[last], stamps]))[:-1]
+            set_ = np.flatnonzero((jump < -CLOCK_BACK_S) | (jump > CLOCK_AHEAD_S))
             stop = int(set_[0]) if set_.size else stamps.size
-            good = ~known | (jump > 0.0)
+            good = np.isnan(jump) | (jump > 0.0)  # before the first row is none
             out[start : start + stop], kept[start : start + stop] = stamps[:stop], good[:stop]
             self.late += int((~good[:stop]).sum())
             if good[:stop].any():

@@ -36,10 +36,9 @@ UNSIZED_LEVEL = 1
 DOUBTED = 0.5
 """Confidence below which an alarm is one priority lower: no fault is then more likely than not."""
 AT_ONCE = {"external_leakage", "check_valve_stuck_open", "check_valve_clogged", "relief_valve_stuck_open"}
-"""Faults one priority up, for their consequence and the time that is left, by which ISA-18.2 ranks alarms.
-Oil that is lost outside does not come back, and the circuit is closed; a valve that fails takes the force of
-one direction away at once, and no controller makes up for it. That this is worth one step is an assumption,
-no figure of the thesis."""
+"""Faults one priority up, for their consequence and the time that is left, by which ISA-18.2 ranks alarms:
+oil lost outside does not come back, and a valve that fails takes the force of one direction away at once.
+That this is worth one step is an assumption, no figure of the thesis."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +49,7 @@ class Alarm:
     ----------
     key : family and fault or channel that it was raised with; one alarm at a time has it on an axis.
     fault, channel, severity, confidence, body : of the last finding; body is the whole of it, but for
-        `detected_s`, which stays that of the finding that raised it.
+        `detected_s`, which stays that of the one that raised it.
     priority : low, medium, high or urgent. level : quarters of gross that the severity passed. Neither falls.
     standing : whether the evidence is there, or has not been gone for the off-delay.
     count : how often it was raised. reraised : s, when again within the last hour. chattering : too often.
@@ -92,10 +91,8 @@ class Alarm:
 class Transition:
     """What happened to an alarm; each is a record of the audit.
 
-    Attributes
-    ----------
-    before : state before; the one after is `alarm.state`. time : s of the stream's clock, of the last look.
-    wall : Unix seconds. notify : whether people are told; not of what a chattering alarm does.
+    The state after it is `alarm.state`. `time`: s of the stream's clock, of the last look; `wall`: Unix
+    seconds; `notify`: whether people are told; not of what a chattering alarm does.
     """
 
     action: str
@@ -119,12 +116,7 @@ DOINGS: dict[Doing, tuple[str, tuple[State, ...]]] = {
 
 @dataclass(frozen=True)
 class Action:
-    """What a person does to an alarm.
-
-    Attributes
-    ----------
-    who : name that the token carries. until : Unix seconds, where a shelf ends.
-    """
+    """What a person does to an alarm, by the token's name; a shelf ends at `until`, Unix seconds."""
 
     kind: Doing
     alarm_id: int
@@ -158,13 +150,9 @@ class AlarmBook:
     def update(
         self, axis: str, time: float, wall: float, standing: Iterable[FaultFinding]
     ) -> list[Transition]:
-        """One look at an axis.
+        """One look at an axis at a time (s of the stream's clock, Unix seconds): all findings that stand now.
 
-        Parameters
-        ----------
-        time : s of the stream's clock; where it was set back, what ran goes on from there.
-        wall : Unix seconds.
-        standing : all findings that stand now.
+        Where the stream's clock was set back, what ran goes on from there.
         """
         surest: dict[str, FaultFinding] = {}
         for finding in sorted(standing, key=lambda f: -f.confidence):
@@ -173,8 +161,8 @@ class AlarmBook:
         # Those that are normal for so long that another one would be a new alarm. One that chatters is the
         # same alarm until it has been quiet, however long the pauses.
         for a in list(mine.values()):
-            ended = a.state == "NORMAL" and not a.chattering and a.returned_time is not None
-            if ended and a.time - (a.returned_time or 0.0) > CHATTER_S:
+            quiet_s = a.time - (a.time if a.returned_time is None else a.returned_time)
+            if a.state == "NORMAL" and not a.chattering and quiet_s > CHATTER_S:
                 del mine[a.id], self._alarms[a.id]
         live = {a.key for a in mine.values() if a.state != "NORMAL"}
         out = []
@@ -216,10 +204,9 @@ class AlarmBook:
             self._alarms[alarm.id] = alarm
             return []
         alarm = replace(alarm, state="UNACK", acked_by=None, acked_wall=None)
-        if again:
-            return [self._moved("RERAISED", alarm, before, wall, notify=not chattered)]
-        # Told of a chattering alarm too: it comes once a level at most.
-        return [self._moved("ESCALATED", alarm, before, wall)]
+        # An escalation is told of a chattering alarm too: it comes once a level at most.
+        action, notify = ("RERAISED", not chattered) if again else ("ESCALATED", True)
+        return [self._moved(action, alarm, before, wall, notify=notify)]
 
     def _unseen(self, alarm: Alarm, time: float, wall: float) -> list[Transition]:
         before = alarm.state
@@ -241,10 +228,8 @@ class AlarmBook:
         if alarm is None:
             raise InputError(f"alarm {id} is over, or there was none", mend="look at the list anew")
         if alarm.state not in states:
-            raise InputError(
-                f"alarm {id} cannot be {done.lower()}: it is {alarm.state}",
-                mend=f"that is for alarms that are {', '.join(states)}",
-            )
+            problem = f"alarm {id} cannot be {done.lower()}: it is {alarm.state}"
+            raise InputError(problem, mend=f"that is for alarms that are {', '.join(states)}")
         who, until, state = readable(action.who), action.until or 0.0, alarm.state
         if action.kind == "unshelve":
             return self._back(alarm, who, action.note, wall)
@@ -335,10 +320,8 @@ def priority_of(finding: FaultFinding) -> Priority:
 
 
 def _alarm_of(key: str, finding: FaultFinding, alarms: Iterable[Alarm]) -> Alarm | None:
-    """The alarm that a finding speaks of: its own, or one that is not over of a fault that looks alike.
-
-    Which of an ambiguity group leads may change from look to look, and that is no new alarm.
-    """
+    """The alarm that a finding speaks of: its own, or one that is not over of a fault that looks alike, as
+    which of an ambiguity group leads may change from look to look."""
 
     def alike(alarm: Alarm) -> bool:
         same = alarm.family == finding.family and not (alarm.channel or finding.channel)

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import Estimate, FaultFinding
 from fdd.diagnosis.model import Model
@@ -48,12 +47,8 @@ REST_S = 60.0
 
 @dataclass(frozen=True)
 class Look:
-    """What one look at the evidence gave.
-
-    Attributes
-    ----------
-    time : s of the stream's clock. fresh : findings that began with it. standing : all that stand.
-    """
+    """What one look at the evidence gave at a time, s of the stream's clock: findings that began with it, and
+    all that stand."""
 
     time: float
     fresh: list[FaultFinding]
@@ -61,12 +56,8 @@ class Look:
 
 
 class AxisWatch:
-    """Watch one axis.
-
-    Parameters
-    ----------
-    unit : profile. One without a baseline is learnt while nothing is found. hold : s, see `Order`.
-    learn_s : s of work after which a baseline is learnt. bus : is told its samples in the order of time.
+    """Watch one axis, and tell the bus its samples in the order of time; `hold` (s) is that of `Order`. A
+    profile without baseline gets one of `learn_s` (s) of work without a finding.
 
     Attributes
     ----------
@@ -96,6 +87,7 @@ class AxisWatch:
         self._frame: float | None = None
         self._learnt: str | None = None
         self.profile_sha256 = hashlib.sha256(unit.model_dump_json().encode()).hexdigest()
+        self._shas = {"profile_sha256": self.profile_sha256, "model_sha256": model.sha256}
         self._take_over(unit)
 
     def _take_over(self, unit: Unit) -> None:
@@ -111,9 +103,7 @@ class AxisWatch:
 
     def push(self, *blocks: Block) -> list[Look]:
         """Take blocks that came together; what the looks that fell due gave."""
-        self._waiting += [block for block in blocks if len(block.samples)]
-        if not self._waiting:
-            return []
+        self._waiting += blocks
         self.last_wall = self._waiting[-1].received
         # A frame is over with the first row of the next one: a look need not wait for more. Another frame,
         # not a later one: the sender's clock may have been set.
@@ -177,10 +167,7 @@ class AxisWatch:
 
     def _checked(self, samples: Samples) -> Samples:
         """What may be worked now: samples wait until some seconds show that no channel is in a wrong unit of
-        measure. After a failure the axis begins anew with them.
-
-        Raises InputError: a channel is in a wrong unit.
-        """
+        measure, which is raised. After a failure the axis begins anew with them."""
         if samples.time[0] < self._rests_until:
             return samples.rows(0, 0)
         if self._unchecked is not None:
@@ -253,8 +240,7 @@ class AxisWatch:
 
     def about(self) -> dict[str, str]:
         """What the store keeps of it beside its state."""
-        shas = {"profile_sha256": self.profile_sha256, "model_sha256": self.model.sha256}
-        return {"unit": self.unit.name, **shas}
+        return {"unit": self.unit.name, **self._shas}
 
     def _parts(self) -> dict[str, Any]:
         """What has a state of its own, by the prefix under which a checkpoint has it."""
@@ -269,20 +255,17 @@ class AxisWatch:
             "version": VERSION, "samples": self.samples, "rate_hz": self.rate_hz, "failed": self.failed,
             "last_wall": self.last_wall, "learnt": self._learnt, "checked": self._unchecked is None,
         }  # fmt: skip
-        arrays: dict[str, NDArray[Any]] = {
-            "axis": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)
-        }
+        arrays: dict[str, Any] = {"axis": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)}
         for prefix, part in self._parts().items():
             arrays |= {prefix + k: v for k, v in part.state().items()}
         time = float(np.nan_to_num(self.order.clock.last_time))
-        shas = self.profile_sha256, self.model.sha256
-        return Checkpoint(self.name, time, wall, sequence, *shas, VERSION, arrays)
+        return Checkpoint(self.name, time, wall, sequence, **self._shas, version=VERSION, arrays=arrays)
 
     def restore(self, kept: Checkpoint) -> None:
         """Go on from a checkpoint. Raises InputError: of another profile, model or version."""
         where, mend = f"axis {self.name}", "it starts anew"
-        ours = (self.profile_sha256, self.model.sha256, VERSION)
-        if (kept.profile_sha256, kept.model_sha256, kept.version) != ours:
+        theirs = {"profile_sha256": kept.profile_sha256, "model_sha256": kept.model_sha256}
+        if theirs != self._shas or kept.version != VERSION:
             problem = "its saved state is of another profile, model or version of fdd"
             raise InputError(problem, where=where, mend=mend)
         try:
@@ -300,6 +283,6 @@ class AxisWatch:
         self.last_wall = scalars["last_wall"]
         # Looks fall due at the same rows as without the restart.
         self._frame = self.order.clock.last_time // FRAME_S
-        self._unchecked = None if scalars.get("checked", self.failed is None) else []
+        self._unchecked = None if scalars["checked"] else []
         self.standing = [] if self.failed else self.pipeline.standing
         self.probabilities, self.estimates, _ = self.pipeline.now()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 
 from fdd.service.axis import AxisWatch, Look
 from fdd.service.blocks import Decoder
+from fdd.service.inbox import named
 from fdd.service.life import worked_key
 from fdd.service.store import Store, Transaction
 from fdd.service.storing import Writer
@@ -20,20 +20,14 @@ PUT_OFF = 0.2
 """Share of the followed axes that is put off in a turn."""
 PORTION = 32
 """Blocks that are worked between two steps of the fleet: some hundredths of a second."""
-MOST_NAMED = 3
 
 
 class Backlog:
     """The store's journal for a fleet, and which axes are put off: their blocks are stored and worked later.
 
-    Parameters
-    ----------
-    clock : Unix seconds. most_bytes : of blocks that are stored and not worked. Beyond it axes catch up
-        without spare time, which makes all senders wait.
-
-    Attributes
-    ----------
-    newest : axis to the stamp of its newest block, s of the sender's clock. spare : share of the last turn.
+    Beyond `most_bytes` of blocks that are stored and not worked, axes catch up without spare time, which
+    makes all senders wait. `clock`: Unix seconds. `newest`: of axes put off the stamp of the newest block, s
+    of the sender's clock. `spare`: share of the last turn.
     """
 
     def __init__(self, store: Store, writer: Writer, clock: Callable[[], float], most_bytes: int) -> None:
@@ -53,10 +47,7 @@ class Backlog:
         """Axes that are to be put off now: the last ones of those followed, never the only one, and none
         while what waits grows less.
 
-        Parameters
-        ----------
-        now, spare_s : monotonic s, and s without work so far. waiting_s : s of data of the axis that
-        lags most.
+        `now`: monotonic s. `spare_s`: s without work so far. `waiting_s`: of data of the axis that lags most.
         """
         began, spare, waited = self._before or (now - TURN_S, spare_s - TURN_S, waiting_s)
         self._before = now, spare_s, waiting_s
@@ -88,11 +79,6 @@ class Backlog:
         """An axis has caught up, or is forgotten."""
         self.newest.pop(axis, None)
         self._bytes.pop(axis, None)
-
-    def clear(self) -> None:
-        """All axes are followed."""
-        self.newest.clear()
-        self._bytes.clear()
 
     def next(self, *, idle: bool) -> str | None:
         """The axis that catches up now, if any: the one put off last, as it is behind least."""
@@ -129,8 +115,7 @@ class Backlog:
         wall = self._clock() - self.behind_s(watch)
         if not payload:
             return watch.settle(wall, flush=True)
-        block = self._decoder.decode(payload, "journal", axis=watch.name)
-        return watch.push(replace(block, received=wall))
+        return watch.push(self._decoder.decode(payload, axis=watch.name, received=wall))
 
     def behind_s(self, watch: AxisWatch) -> float:
         """s of data that are stored and not worked yet, of an axis that is put off."""
@@ -157,7 +142,6 @@ class Backlog:
         """What is behind, of the axes that are put off, in a line."""
         if not off:
             return []
-        behind, names = max(map(self.behind_s, off)), ", ".join(watch.name for watch in off[:MOST_NAMED])
-        more = f" and {len(off) - MOST_NAMED} more" if len(off) > MOST_NAMED else ""
+        behind, names = max(map(self.behind_s, off)), named([watch.name for watch in off])
         told = f"overloaded: {followed} of {followed + len(off)} axes are followed, the others are stored"
-        return [f"{told} and worked later, {behind:.0f} s behind: {names}{more}"]
+        return [f"{told} and worked later, {behind:.0f} s behind: {names}"]

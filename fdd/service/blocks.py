@@ -29,7 +29,7 @@ _NAME = re.compile(r"(?!\.{1,2}(/|$))[A-Za-z0-9_.-]+(/(?!\.{1,2}(/|$))[A-Za-z0-9
 _LONGEST_AXIS, _LONGEST_UNIT, _MOST_TOLD = 64, 200, 8
 _HEAD_BYTES = 8192
 """Of an Arrow message besides its numbers; one with more is not kept as it came."""
-_KEYS = "schema, axis, sequence, time, columns, unit"
+_KEYS = ("schema", "axis", "sequence", "time", "columns", "unit")
 ARROW_START = b"\xff\xff\xff\xff"
 """First bytes of an Arrow IPC stream."""
 DAMAGE = (pa.ArrowException, OSError, StructError, StopIteration, UnicodeDecodeError, MemoryError)
@@ -47,12 +47,9 @@ class Block:
 
     Attributes
     ----------
-    axis : its name.
     samples : channels of the contract in SI; `time` in s of the sender's clock.
     sequence : number of the block, one more than the block's before; None where they are not counted.
-    source : name of the source that it came by.
-    received : s since 1970.
-    unit : name of the profile, where the sender says it.
+    received : s since 1970. unit : name of the profile, where the sender says it.
     ignored : names of columns that are no channels.
     patient : the sender keeps what is not accepted: the inbox does not drop it for being late.
     accepted : called once by the fleet when the block is stored, or refused and counted.
@@ -63,7 +60,6 @@ class Block:
     axis: str
     samples: Samples
     sequence: int | None
-    source: str
     received: float
     unit: str | None = None
     ignored: tuple[str, ...] = ()
@@ -97,26 +93,17 @@ def axis_name(name: object) -> str:
 class Decoder:
     """Messages to blocks, by one source's channel map.
 
-    Parameters
-    ----------
-    channel_map : names and units of measure of the messages' columns; the contract's in SI without one.
-        Without an entry for `time` the message's own times are taken, in s.
-
-    Raises InputError: the map has what a stream cannot use.
+    Without an entry for `time` in the map the message's own times are taken, in s; without a map the columns
+    are the contract's, in SI. Raises InputError: the map has what a stream cannot use.
     """
 
     def __init__(self, channel_map: ChannelMap | None = None) -> None:
         self.map, self._plain = StreamMap(channel_map), channel_map is None
 
-    def decode(self, payload: bytes, source: str = "", *, axis: str | None = None, **more: Any) -> Block:
-        """The block that a message holds.
+    def decode(self, payload: bytes, *, axis: str | None = None, **more: Any) -> Block:
+        """The block that a message (JSON text or an Arrow IPC stream) holds.
 
-        Parameters
-        ----------
-        payload : JSON text or an Arrow IPC stream.
-        source : name of the source. axis : as the topic says, where it does.
-        more : further attributes of the `Block`.
-
+        `axis`: as the topic says, where it does; `more`: further attributes of the `Block`.
         Raises InputError: one line that says what is wrong with the message.
         """
         if len(payload) > MAX_BLOCK_BYTES:
@@ -128,30 +115,31 @@ class Decoder:
             numbers = 8 * sum(v.size for v in columns.values())
             if self._plain and not ignored and len(payload) <= numbers + _HEAD_BYTES:
                 more["payload"] = payload
-            return self._block(columns, _of_axis(head, axis), source, more, ignored)
-        return self.decode_object(_of_axis(json_object(payload), axis), source, **more)
+            return self._block(columns, _of_axis(head, axis), more, ignored)
+        return self.decode_object(_of_axis(json_object(payload), axis), **more)
 
-    def decode_object(self, message: Mapping[str, Any], source: str = "", **more: Any) -> Block:
+    def decode_object(self, message: Mapping[str, Any], **more: Any) -> Block:
         """The block that a message's parsed JSON object holds; see `decode`."""
-        stray = message.keys() - set(_KEYS.split(", "))
+        stray = message.keys() - {*_KEYS}
         if stray:
-            raise InputError(f"unknown key {min(stray)[:40]!r} in a block", mend=f"use {_KEYS}")
+            raise InputError(f"unknown key {min(stray)[:40]!r} in a block", mend=f"use {', '.join(_KEYS)}")
         given = message.get("columns")
         if not isinstance(given, dict) or len(given) > MOST_BLOCK_COLUMNS:
-            raise InputError(
-                f"columns is no object of at most {MOST_BLOCK_COLUMNS} lists",
-                mend='write "columns": {"position": [0.01, 0.02], ...}',
-            )
+            problem = f"columns is no object of at most {MOST_BLOCK_COLUMNS} lists"
+            raise InputError(problem, mend='write "columns": {"position": [0.01, 0.02], ...}')
         columns = {name: json_numbers(name, given[name]) for name in self.map.keys if name in given}
         if "time" not in columns and message.get("time") is not None:
             columns["time"] = json_times(message["time"])
         ignored = tuple(k for k in given if k not in self.map.keys) if len(columns) < len(given) else ()
-        return self._block(columns, message, source, more, ignored)
+        return self._block(columns, message, more, ignored)
 
     def _block(
-        self, columns: dict[str, Array], head: Mapping[str, Any], source: str, more: dict[str, Any],
+        self,
+        columns: dict[str, Array],
+        head: Mapping[str, Any],
+        more: dict[str, Any],
         ignored: tuple[str, ...],
-    ) -> Block:  # fmt: skip
+    ) -> Block:
         if head.get("schema") != SCHEMA:
             raise InputError(f"not a block: its schema is not {SCHEMA}", mend=f'write "schema": "{SCHEMA}"')
         axis, sequence, unit = axis_name(head.get("axis")), head.get("sequence"), head.get("unit")
@@ -163,8 +151,8 @@ class Decoder:
             samples = self._samples(columns)
         except InputError as error:
             raise InputError(error.problem, where=f"axis {axis}", mend=error.mend) from None
-        received = more.pop("received", None) or time.time()
-        return Block(axis, samples, sequence, source, received, unit, ignored[:_MOST_TOLD], **more)
+        more = {"received": time.time(), **more}
+        return Block(axis, samples, sequence, unit=unit, ignored=ignored[:_MOST_TOLD], **more)
 
     def _samples(self, columns: dict[str, Array]) -> Samples:
         if self._plain:
@@ -208,9 +196,8 @@ def _of_axis(head: dict[str, Any], axis: str | None) -> dict[str, Any]:
         return head
     if head.get("axis") not in (None, axis):
         # Who may publish to one axis's topic must not speak for another.
-        raise InputError(
-            f"the message says axis {str(head['axis'])[:80]!r}, its topic {axis!r}", mend="leave axis out"
-        )
+        problem = f"the message says axis {str(head['axis'])[:80]!r}, its topic {axis!r}"
+        raise InputError(problem, mend="leave axis out")
     return {**head, "axis": axis}
 
 
@@ -241,10 +228,8 @@ def json_numbers(name: str, values: object) -> Array:
                 return column.astype(np.float64, copy=False)
         except (TypeError, ValueError, OverflowError):
             pass
-    raise InputError(
-        f"column {name[:40]!r} is no list of at most {MOST_BLOCK_ROWS} numbers",
-        mend="write null for missing ones",
-    )
+    problem = f"column {name[:40]!r} is no list of at most {MOST_BLOCK_ROWS} numbers"
+    raise InputError(problem, mend="write null for missing ones")
 
 
 def json_times(given: object) -> Array:
@@ -255,10 +240,8 @@ def json_times(given: object) -> Array:
     start, period, n = values
     numbers = {type(start), type(period)} <= {int, float} and type(n) is int and len(given) == 3
     if not numbers or not 1 <= n <= MOST_BLOCK_ROWS:
-        raise InputError(
-            f"time is no object of start, period and n (1 to {MOST_BLOCK_ROWS})",
-            mend='write "time": {"start": 12.3, "period": 0.001, "n": 100}',
-        )
+        problem = f"time is no object of start, period and n (1 to {MOST_BLOCK_ROWS})"
+        raise InputError(problem, mend='write "time": {"start": 12.3, "period": 0.001, "n": 100}')
     try:
         return float(start) + float(period) * np.arange(n, dtype=np.float64)
     except OverflowError:
@@ -266,10 +249,7 @@ def json_times(given: object) -> Array:
 
 
 def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Columns (n,) and head of a message.
-
-    Raises InputError: no Arrow stream of one bounded batch of floats.
-    """
+    """Columns (n,) and head of a message. Raises InputError: no Arrow stream of one batch of floats."""
     try:
         messages = pa.ipc.MessageReader.open_stream(payload)
         schema = pa.ipc.read_schema(messages.read_next_message())
@@ -284,9 +264,8 @@ def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
             raise InputError("compressed Arrow is not taken", mend=MEND)
         batch = pa.ipc.read_record_batch(message, schema)
         if batch.num_rows > MOST_BLOCK_ROWS:
-            raise InputError(
-                f"a block of {batch.num_rows} rows, at most {MOST_BLOCK_ROWS}", mend="send shorter ones"
-            )
+            problem = f"a block of {batch.num_rows} rows, at most {MOST_BLOCK_ROWS}"
+            raise InputError(problem, mend="send shorter ones")
         batch.validate(full=True)
         values = np.empty((batch.num_columns, batch.num_rows))
         if values.size:
@@ -297,7 +276,7 @@ def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
     if more:
         raise InputError("more than one record batch", mend=MEND)
     told = schema.metadata or {}
-    keys = (k for k in ("schema", "axis", "sequence", "unit") if k.encode() in told)
+    keys = (k for k in _KEYS if k.encode() in told)
     head: dict[str, Any] = {k: told[k.encode()].decode(errors="replace") for k in keys}
     text = head.get("sequence", "")
     if text.isascii() and text.isdigit() and len(text) < 20:
@@ -306,28 +285,19 @@ def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
 
 
 def arrow_payload(columns: Mapping[str, Array], head: Mapping[str, Any]) -> bytes:
-    """An Arrow IPC stream of one record batch.
-
-    Parameters
-    ----------
-    columns : (n,) each. head : what stands in the schema's metadata.
-    """
-    fields = [pa.field(name, pa.float64()) for name in columns]
-    schema = pa.schema(fields, metadata={k: str(v) for k, v in head.items()})
+    """An Arrow IPC stream of one record batch, of columns (n,) and what stands in the schema's metadata."""
+    batch = pa.record_batch(dict(columns), metadata={k: str(v) for k, v in head.items()})
     out = pa.BufferOutputStream()
-    with pa.ipc.new_stream(out, schema) as writer:
-        writer.write_batch(pa.record_batch([pa.array(v) for v in columns.values()], schema=schema))
+    with pa.ipc.new_stream(out, batch.schema) as writer:
+        writer.write_batch(batch)
     return bytes(out.getvalue())
 
 
 def _is_packed(flatbuffer: bytes) -> bool:
     """Whether a record batch's metadata (Message.fbs of Arrow's format) name a compression."""
     message = unpack_from("<I", flatbuffer)[0]
-    header = _field(flatbuffer, message, 2)
-    return (
-        header is not None
-        and _field(flatbuffer, header + unpack_from("<I", flatbuffer, header)[0], 3) is not None
-    )
+    header = _field(flatbuffer, message, 2) or 0
+    return bool(header and _field(flatbuffer, header + unpack_from("<I", flatbuffer, header)[0], 3))
 
 
 def _field(flatbuffer: bytes, table: int, number: int) -> int | None:

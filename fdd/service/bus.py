@@ -17,12 +17,8 @@ MOST_EVENTS = 1000
 
 @dataclass(frozen=True)
 class Event:
-    """Something happened.
-
-    Attributes
-    ----------
-    time : s of the stream's clock. data : JSON-able but for that of `samples`; nobody changes it.
-    """
+    """Something happened at `time` (s of the stream's clock); data is JSON-able but for that of `samples`,
+    and nobody changes it."""
 
     kind: Kind
     axis: str
@@ -31,12 +27,7 @@ class Event:
 
 
 class Subscription:
-    """One subscriber's queue; `Bus.subscribe` makes it.
-
-    Attributes
-    ----------
-    lost : events that were dropped, as nobody took them in time.
-    """
+    """One subscriber's queue; `Bus.subscribe` makes it. `lost` events were dropped, not taken in time."""
 
     def __init__(self, bus: Bus, kinds: Collection[Kind], most: int) -> None:
         self._bus, self._kinds = bus, kinds

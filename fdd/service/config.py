@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from fdd.bounds import MAX_SERVE_BYTES
-from fdd.service.config_sources import AnySource, AxisName, Broker, ConfigPath, Part, Seconds, source_name
+from fdd.service.config_sources import AnySource, AxisName, Broker, ConfigPath, ListenedPort, Part, Seconds
 from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
@@ -25,15 +25,10 @@ class Tls(Part):
 
 
 class Listen(Part):
-    """Where the page and the API are served.
-
-    Attributes
-    ----------
-    port : 0 takes a free one. names : of this machine, beside its address, that the page is opened by.
-    """
+    """Where the page and the API are served, and by which `names` of this machine beside its address."""
 
     host: str = "127.0.0.1"
-    port: Annotated[int, Field(ge=0, le=65535)] = 8080
+    port: ListenedPort = 8080
     tls: Tls | None = None
     names: tuple[str, ...] = ()
 
@@ -70,12 +65,7 @@ class Webhook(Part):
 
 
 class Recording(Part):
-    """Annotated MCAP files of what was around an alarm.
-
-    Attributes
-    ----------
-    before, after : s of data. most_bytes : of the folder; the oldest go first.
-    """
+    """Annotated MCAP files from `before` s before an alarm to `after` s after it, the oldest of which go."""
 
     folder: ConfigPath
     before: Annotated[float, Field(ge=0, le=600)] = 60.0
@@ -93,12 +83,7 @@ class Outputs(Part):
 
 
 class Retention(Part):
-    """Days that rollups are kept; those by the day, findings and audit are kept for ever.
-
-    Attributes
-    ----------
-    findings : days; None keeps them for ever.
-    """
+    """Days that rollups are kept, and findings where it is given; those by the day and the audit stay."""
 
     minutes: Annotated[int, Field(ge=1)] = 30
     hours: Annotated[int, Field(ge=1)] = 730
@@ -106,14 +91,8 @@ class Retention(Part):
 
 
 class Limits(Part):
-    """What may wait.
-
-    Attributes
-    ----------
-    inbox_seconds : s of data of one axis. inbox_bytes : of all axes.
-    backlog_bytes : of blocks that are stored while their axes are put off; beyond it all senders wait.
-    hold : s of data that wait for a block before them.
-    """
+    """What may wait: `inbox_seconds` of one axis, `inbox_bytes` of all; `backlog_bytes` of blocks whose axes
+    are put off, beyond which all senders wait; `hold` s of data for a block before them."""
 
     inbox_seconds: Seconds = 10.0
     inbox_bytes: Annotated[int, Field(ge=1 << 20)] = 256 << 20
@@ -169,11 +148,9 @@ class Serve(Part):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        host, names = self.listen.host, [s.name or s.type for s in self.sources]
         if self.tokens is None and not self.listen.is_local:
-            raise ValueError(
-                f"listen: {self.listen.host} is open to others and needs tokens: give a tokens file"
-            )
-        names = [source_name(s) for s in self.sources]
+            raise ValueError(f"listen: {host} is open to others and needs tokens: give a tokens file")
         twice = next((n for n in names if names.count(n) > 1), None)
         if twice is not None:
             raise ValueError(f"sources: {twice!r} twice; give each a name of its own")

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import paho.mqtt.client as paho
 
 Port = Annotated[int, Field(ge=1, le=65535)]
+ListenedPort = Annotated[int, Field(ge=0, le=65535, description="0 takes a free one")]
 Seconds = Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 
@@ -25,11 +26,8 @@ def _from_folder(path: Path, info: ValidationInfo) -> Path:
     return (info.context or Path()) / path
 
 
-ConfigPath = Annotated[
-    Path,
-    Field(description="relative to the folder that serve.yaml stands in"),
-    AfterValidator(_from_folder),
-]
+_RELATIVE = Field(description="relative to the folder that serve.yaml stands in")
+ConfigPath = Annotated[Path, _RELATIVE, AfterValidator(_from_folder)]
 AxisName = Annotated[str, AfterValidator(axis_name)]
 MOST_SECRET_BYTES = 4096
 
@@ -41,12 +39,7 @@ class Part(BaseModel):
 
 
 class ClientTls(Part):
-    """How a broker is known, and this client to it; the system's authorities where nothing is given.
-
-    Attributes
-    ----------
-    ca : PEM file of the authority. cert, key : PEM files of this client's own certificate.
-    """
+    """PEM files: `ca` of the broker's authority (else the system's), `cert` and `key` of this client."""
 
     ca: ConfigPath | None = None
     cert: ConfigPath | None = None
@@ -60,13 +53,9 @@ class ClientTls(Part):
 
 
 class Broker(Part):
-    """How an MQTT broker is reached.
+    """How an MQTT broker is reached, on port 1883, or 8883 with TLS, where none is given.
 
-    Attributes
-    ----------
-    port : 1883, or 8883 with TLS, where none is given.
-    version : of the protocol. password_file : its first line is the password.
-    client_id : names the session at the broker; each process needs its own.
+    The first line of `password_file` is the password. `client_id` names the session, one for each process.
     """
 
     host: str
@@ -95,14 +84,8 @@ class Broker(Part):
         return f"mqtt {self.host}:{self.chosen_port}"
 
     def client(self, client_id: str, **more: Any) -> paho.Client:
-        """A client that is not connected yet.
-
-        Parameters
-        ----------
-        client_id : of the session. more : for paho.
-
-        Raises InputError: password file, certificate or key cannot be read.
-        """
+        """A client that is not connected yet. Raises InputError: password file, certificate or key cannot be
+        read."""
         import paho.mqtt.client as paho
 
         version = paho.MQTTv5 if self.version == "5" else paho.MQTTv311
@@ -110,13 +93,12 @@ class Broker(Part):
         if self.user is not None:
             password = None if self.password_file is None else read_secret(self.password_file)
             client.username_pw_set(self.user, password)
-        if self.tls is not None:
-            tls = self.tls
+        if (tls := self.tls) is not None:
             ca, cert, key = (None if path is None else str(path) for path in (tls.ca, tls.cert, tls.key))
             try:
                 client.tls_set(ca, cert, key)
             except (OSError, ValueError) as error:  # ssl's own errors are OSErrors
-                where = ", ".join(path for path in (ca, cert, key) if path is not None) or self.shown
+                where = ", ".join(filter(None, (ca, cert, key))) or self.shown
                 problem = f"TLS cannot be set up ({error})"
                 raise InputError(problem, where=where, mend="check ca, cert and key") from None
         return client
@@ -132,14 +114,9 @@ class _Source(Part):
 
 
 class MqttSource(Broker, _Source):
-    """Blocks published to a broker.
-
-    Attributes
-    ----------
-    topics : to subscribe to, with wildcards. A level ``{axis}`` stands for the axis's name, which the
-        message may then leave out.
-    session_hours : how long the broker keeps what was not acknowledged while fdd is away (MQTT 5).
-    """
+    """Blocks published to a broker, on `topics` with wildcards; a level ``{axis}`` stands for an axis's name,
+    which the message may then leave out. The broker keeps what was not acknowledged for `session_hours` while
+    fdd is away (MQTT 5)."""
 
     type: Literal["mqtt"]
     topics: Annotated[list[Annotated[str, Field(min_length=1, max_length=1000)]], Field(min_length=1)]
@@ -158,18 +135,13 @@ class MqttSource(Broker, _Source):
 
 class _Listening(_Source):
     host: str = "127.0.0.1"
-    port: Annotated[int, Field(ge=0, le=65535)]
+    port: ListenedPort
     axis: AxisName | None = None
     """Of samples that name none."""
 
 
 class TcpSource(_Listening):
-    """JSON lines, each a block or a sample, on TCP connections.
-
-    Attributes
-    ----------
-    connections : at once, further ones are closed. idle : s of silence after which one is closed.
-    """
+    """JSON lines, each a block or a sample, on `connections` at once, closed after `idle` s of silence."""
 
     type: Literal["tcp"]
     connections: Annotated[int, Field(ge=1, le=MOST_CONNECTIONS)] = 64
@@ -182,21 +154,8 @@ class UdpSource(_Listening):
     type: Literal["udp"]
 
 
-class StdinSource(_Source):
-    """JSON lines on standard input."""
-
-    type: Literal["stdin"]
-    axis: AxisName | None = None
-
-
 class FolderSource(_Source):
-    """Logs that drop into a folder.
-
-    Attributes
-    ----------
-    axis : of all logs; where none is given, what the log says, or else the name of its subfolder.
-    every : s between looks.
-    """
+    """Logs that drop into a folder, looked at `every` s; without `axis` they or their subfolders name it."""
 
     type: Literal["folder"]
     folder: ConfigPath
@@ -205,27 +164,15 @@ class FolderSource(_Source):
 
 
 class ReplaySource(_Source):
-    """Logs replayed as live axes.
-
-    Attributes
-    ----------
-    logs : axis to log. speed : times real time; ``max`` is as fast as taken.
-    """
+    """Logs, by axis, replayed at `speed` times real time; ``max`` is as fast as taken."""
 
     type: Literal["replay"]
     logs: Annotated[dict[AxisName, ConfigPath], Field(min_length=1)]
     speed: Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["max"] = 1.0
 
 
-AnySource = Annotated[
-    MqttSource | TcpSource | UdpSource | StdinSource | FolderSource | ReplaySource,
-    Field(discriminator="type"),
-]
-
-
-def source_name(source: AnySource) -> str:
-    """How status and logs call a source."""
-    return source.name or source.type
+_Sources = MqttSource | TcpSource | UdpSource | FolderSource | ReplaySource
+AnySource = Annotated[_Sources, Field(discriminator="type")]
 
 
 def read_secret(path: Path) -> str:
@@ -238,13 +185,11 @@ def read_secret(path: Path) -> str:
             text = file.readline(MOST_SECRET_BYTES + 1).strip()
     except (OSError, UnicodeDecodeError) as error:
         told = getattr(error, "strerror", None) or "not text"
-        raise InputError(
-            f"the password or key cannot be read ({told})", where=path, mend="write it there"
-        ) from None
+        problem = f"the password or key cannot be read ({told})"
+        raise InputError(problem, where=path, mend="write it there") from None
     if not text or len(text) > MOST_SECRET_BYTES:
-        raise InputError(
-            "empty, or longer than 4096 bytes", where=path, mend="write one line with the secret into it"
-        )
+        problem = f"empty, or longer than {MOST_SECRET_BYTES} bytes"
+        raise InputError(problem, where=path, mend="write one line with the secret into it")
     return text
 
 

@@ -27,7 +27,7 @@ from fdd.service.inbox import MOST_TAKEN, Inbox
 from fdd.service.life import said_key, worked_key
 from fdd.service.profiles import profile_of
 from fdd.service.status import AxisDetail, AxisStatus, status_of
-from fdd.service.store import LeaseLost, Store, StoreTrouble, Transaction
+from fdd.service.store import Store, StoreTrouble, Transaction
 from fdd.service.storing import Batch, Targets, Writer
 
 LOG = logging.getLogger("fdd.service")
@@ -52,17 +52,7 @@ class Fleet:
     What a batch of blocks brought is stored in one transaction together with the blocks themselves; only then
     are they accepted and anything told. After a restart an axis goes on from its checkpoint, and works again
     what the journal has since; nothing of that is told twice.
-
-    Parameters
-    ----------
-    config : the file. targets : of its outputs. clock : Unix seconds.
-
-    Attributes
-    ----------
-    inbox : takes blocks. writer : to its store, with what is wrong with it.
-    backlog : axes that are put off under overload.
-    resumed : share of the journal that was worked again after a restart, 1 once it is done.
-
+    `resumed` is the share of the journal that was worked again after a restart, 1 once it is done.
     Raises InputError: a model that cannot be used.
     """
 
@@ -91,8 +81,6 @@ class Fleet:
             try:
                 self.resume()
                 break
-            except LeaseLost:
-                raise
             except StoreTrouble as error:
                 self.writer.failed(error)
                 stop.wait(storing.BACKOFF_S[1])
@@ -114,10 +102,10 @@ class Fleet:
         """Go on where the last run ended; meanwhile others may ask how things stand."""
         book = self._store.book()
         with self._lock:
-            self._axes.clear()
-            self.backlog.clear()
-            self.writer.last_row.clear()
-            self._refused.clear()
+            for known in (self._axes, self._refused, self.writer.last_row):
+                known.clear()
+            for name in [*self.backlog.newest]:
+                self.backlog.follow_again(name)
             self._book.restore(book)
         waiting, worked = max(1, self._store.journal_rows()), 0
         for row in self._store.axes():
@@ -180,9 +168,7 @@ class Fleet:
     def step(self, timeout: float, stop: threading.Event | None = None) -> int:
         """Take what waits, at most some tenths of a second of work; how many blocks.
 
-        Parameters
-        ----------
-        timeout : s to wait for the first one. stop : ends the waiting for a store that fails.
+        `timeout`: s to wait for the first one. `stop` ends the waiting for a store that fails.
         """
         blocks = self.inbox.take(timeout)
         self._idle_s += min(time.monotonic() - self._ended, 2.0 * PACE_S)
@@ -194,12 +180,7 @@ class Fleet:
             self._ended = time.monotonic()
 
     def catch_up(self, stop: threading.Event | None = None, *, idle: bool = True) -> int:
-        """Work stored blocks of an axis that is put off, where there is time; how many.
-
-        Parameters
-        ----------
-        idle : nothing else waits. stop : see `step`.
-        """
+        """Work stored blocks of an axis that is put off, where there is time; how many."""
         with self._lock:
             name = self.backlog.next(idle=idle)
             if name is None:
@@ -272,8 +253,8 @@ class Fleet:
         batch.journal += stored
         if name in self.backlog.newest:
             batch.put_off.add(name)
-            newest = max((b.samples.time[-1] for b in blocks if len(b.samples)), default=math.nan)
-            self.backlog.stored(name, float(newest), sum(len(payload) for _, payload in stored))
+            newest = max(float(block.samples.time[-1]) for block in blocks)
+            self.backlog.stored(name, newest, sum(len(payload) for _, payload in stored))
             return
         looks = watch.push(*blocks)
         wall = blocks[-1].received
@@ -291,11 +272,9 @@ class Fleet:
         """Count samples that are refused, and why."""
         if name not in self._refused:
             LOG.warning("%s", why)
-            self._refused[name] = AxisStatus(
-                name=name, unit="", state="failed", headline=why, quality={"refused": 0}
-            )
-        self._refused[name].headline = why
-        self._refused[name].quality["refused"] += samples
+            self._refused[name] = AxisStatus(name=name, unit="", state="failed", headline=why)
+        told = self._refused[name]
+        told.headline, told.quality = why, {"refused": told.quality.get("refused", 0) + samples}
         for oldest in [*self._refused][: max(0, len(self._refused) - MOST_REFUSED)]:
             del self._refused[oldest]
             self._heard.pop(oldest, None)
@@ -305,14 +284,11 @@ class Fleet:
         # One that the store has and that was not heard since stays.
         for name in [n for n in self._refused if self._idle_s - self._heard.get(n, math.inf) > FORGOTTEN_S]:
             del self._refused[name], self._heard[name]
-        new = [
-            (self._heard.get(n, self._idle_s), n)
-            for n, w in self._axes.items()
-            if w.is_new and n not in self.backlog.newest
-        ]
+        new = [n for n, watch in self._axes.items() if watch.is_new and n not in self.backlog.newest]
+        heard = {n: self._heard.get(n, self._idle_s) for n in new}
         crowded = len(self._axes) + newcomers - MOST_AXES
-        for k, (heard, name) in enumerate(sorted(new)):
-            if k < crowded or self._idle_s - heard > FORGOTTEN_S:
+        for k, name in enumerate(sorted(new, key=lambda n: (heard[n], n))):
+            if k < crowded or self._idle_s - heard[name] > FORGOTTEN_S:
                 LOG.info("axis %s is forgotten: it sent less than 5 s of data", name)
                 self._forget(name, ITSELF, batch)
 

@@ -9,19 +9,24 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from fdd.bounds import MOST_AXES
 from fdd.errors import InputError
 from fdd.service.blocks import Block
 
-MOST_BYTES = 256 << 20
 MOST_TAKEN = 256
 """Blocks that are taken at once: some tenths of a second of work."""
 _BLOCK_BYTES = 1000
 """What a block takes besides its numbers."""
 _TOLD_S = 20.0
 """For which a loss is told as a problem."""
+
+
+def named(axes: Sequence[str]) -> str:
+    """The first three names, and how many there are more."""
+    return ", ".join(axes[:3]) + (f" and {len(axes) - 3} more" if len(axes) > 3 else "")
 
 
 @dataclass
@@ -43,7 +48,7 @@ class Inbox:
         of the axis that lags most.
     """
 
-    def __init__(self, most_seconds: float = 10.0, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, most_seconds: float = 10.0, most_bytes: int = 256 << 20) -> None:
         self._most_seconds, self._most_bytes = most_seconds, most_bytes
         self._queues: dict[str, _Queue] = {}
         self._waiting: deque[str] = deque()
@@ -112,23 +117,13 @@ class Inbox:
             (lost, "overloaded: the oldest samples are dropped of"),
             (late, f"overloaded: senders wait, more than {self._most_seconds:g} s behind are"),
         )
-        more = lambda axes: f" and {len(axes) - 3} more" if len(axes) > 3 else ""  # noqa: E731
-        return [f"{text} {', '.join(axes[:3])}{more(axes)}" for axes, text in told if axes]
+        return [f"{text} {named(axes)}" for axes, text in told if axes]
 
     def take(self, timeout: float) -> list[Block]:
-        """Blocks in the order they came, in turn of each axis that has any; [] where none came in time.
-
-        Parameters
-        ----------
-        timeout : s to wait for the first.
-        """
-        end, taken = time.monotonic() + timeout, list[Block]()
+        """Blocks in the order they came, in turn of each axis that has any; [] where none came in time, s."""
+        taken = list[Block]()
         with self._changed:
-            while not self._waiting:
-                left = end - time.monotonic()
-                if left <= 0.0:
-                    return []
-                self._changed.wait(left)
+            self._changed.wait_for(lambda: self._waiting, timeout)
             while self._waiting and len(taken) < MOST_TAKEN:
                 axis = self._waiting.popleft()
                 taken.append(self._out(axis))

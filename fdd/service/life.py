@@ -32,21 +32,15 @@ _FORM = {"minute": "%Y-%m-%d %H:%M", "hour": "%Y-%m-%d %H:00", "day": "%Y-%m-%d"
 
 
 def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:
-    """An axis and its profile; None where the store does not hold it.
-
-    Parameters
-    ----------
-    name : None for the one that there is.
+    """An axis (None for the one that there is) and its profile, None where the store does not hold it.
 
     Raises InputError: no such axis, or several.
     """
     axes = {str(row["name"]): row for row in store.axes()}
     chosen = next(iter(axes)) if name is None and len(axes) == 1 else name or ""
     if chosen not in axes:
-        raise InputError(
-            f"no axis {name}" if name else f"{len(axes)} axes", where="the store",
-            mend=f"give --axis, of {', '.join(list(axes)[:20]) or 'none yet'}",
-        )  # fmt: skip
+        problem, known = f"no axis {name}" if name else f"{len(axes)} axes", ", ".join(list(axes)[:20])
+        raise InputError(problem, where="the store", mend=f"give --axis, of {known or 'none yet'}")
     row = axes[chosen]
     text = store.meta(profile_key(row["profile_sha256"] or ""))
     if text is not None:
@@ -55,14 +49,10 @@ def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:
 
 
 def answers_of(store: Store, axis: str, unit: Unit, each: Each, since: float = 0.0) -> list[Diagnosis]:
-    """An axis's minutes, hours or days in their order, each as the answer of a log.
+    """An axis's minutes, hours or days since a time (Unix seconds) in their order, each as a log's answer.
 
     The standard deviation is of the estimate: its own and what it varied by, of leakage at one temperature.
     A span has the alarms that stood in it.
-
-    Parameters
-    ----------
-    since : Unix seconds.
     """
     names = (*ESTIMATED, HEALTHY_LEAKAGE, LEAKAGE_FACTOR)
     rows = {n: {r["start_wall"]: r for r in store.rollups(axis, n, each, since)} for n in names}
@@ -97,8 +87,7 @@ def sentence_of(store: Store, axis: str, quantity: str, each: Each, since: float
     if quantity not in ESTIMATED or axis not in {row["name"] for row in store.axes()}:
         return ""
     _, unit = axis_of(store, axis)
-    answers = [] if unit is None else answers_of(store, axis, unit, each, since)
-    if unit is None or not answers:
+    if unit is None or not (answers := answers_of(store, axis, unit, each, since)):
         return ""
     life, _ = trend_of(answers, severity_one(unit), each)
     return next((t.sentence for t in life.trends if t.quantity == quantity), "")
@@ -106,11 +95,9 @@ def sentence_of(store: Store, axis: str, quantity: str, each: Each, since: float
 
 def _estimate(name: str, healthy: float, row: Row | None, scale: float = 1.0) -> Estimate:
     """Of a span's row; not observable without one."""
-    known = Estimate(unit=ESTIMATED[name][0], baseline=healthy, value=None, std=None, observable=False)
-    if row is None:
-        return known
-    value, std = scale * row["mean"], scale * row["std"]
-    return known.model_copy(update={"value": value, "std": std, "observable": True})
+    value, std = (None, None) if row is None else (scale * row["mean"], scale * row["std"])
+    unit, known = ESTIMATED[name][0], row is not None
+    return Estimate(unit=unit, baseline=healthy, value=value, std=std, observable=known)
 
 
 def told_by(store: Store, axis: str, since: float) -> Each:

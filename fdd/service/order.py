@@ -29,13 +29,11 @@ _RECENT = 4096
 _MOST_OVERTAKEN = 5
 """Blocks before the first one that may still come: what half a second has."""
 _COUNTS = ("received", "repeated", "late", "reordered", "missing_blocks")
-
-
 _KEY = itemgetter(0)
 
 
 class Order:
-    """Put one axis's blocks in order and follow its clock.
+    """Put one axis's blocks in order, holding `hold` s of data at most (up to 1), and follow its clock.
 
     With sequence numbers a block is passed on at once when the ones before it were, and else waits until they
     come or `hold` s of data are held. Without, each row waits until one `hold` s newer has come. A block
@@ -44,10 +42,6 @@ class Order:
     not among those given up as missing, means that the sender started anew. Stamps that go back by more than
     1 s or ahead by more than a year mean that its clock was set: times go on after a gap of 1 s. A stream
     that starts with the time of day is counted from its start.
-
-    Parameters
-    ----------
-    hold : s of data, at most 1.
 
     Attributes
     ----------
@@ -58,7 +52,7 @@ class Order:
     Examples
     --------
     >>> order = Order()
-    >>> def block(n): return Block("A1", Samples([n * 0.1], {"position": [0.01 * n]}), n, "test", 0.0)
+    >>> def block(n): return Block("A1", Samples([n * 0.1], {"position": [0.01 * n]}), n, 0.0)
     >>> [order.take([block(n)]).time.tolist() for n in (0, 2, 1, 1)]
     [[0.0], [], [0.1, 0.2], []]
     >>> order.counts["repeated"], order.counts["reordered"]
@@ -83,19 +77,14 @@ class Order:
         self._given_up: list[tuple[float, float]] = []
 
     def take(self, blocks: Sequence[Block]) -> Samples:
-        """Take blocks as they came, and give what is in order now, perhaps nothing.
-
-        Returns
-        -------
-        Samples with times that go on from the ones given before, s.
-        """
+        """Take blocks as they came; what is in order now, perhaps nothing, at times that go on (s)."""
         return self._passed_on([part for block in blocks for part in self._in_order(block)])
 
     def _in_order(self, block: Block) -> list[Samples]:
         """What need not wait any longer with a block, by the sender's stamps."""
         samples, number = block.samples, block.sequence
         self.counts["received"] += len(samples)
-        if not len(samples) or self._is_known(samples, number):
+        if self._is_known(samples, number):
             self.counts["repeated"] += len(samples)
             return []
         out = []
@@ -268,6 +257,5 @@ def _joined(parts: list[Samples]) -> tuple[Array, dict[str, Array]]:
     if len(parts) == 1:
         return parts[0].time, parts[0].columns
     names = dict.fromkeys(name for p in parts for name in p.channels)
-    return np.concatenate([p.time for p in parts]), {
-        n: np.concatenate([p.get(n) for p in parts]) for n in names
-    }
+    columns = {n: np.concatenate([p.get(n) for p in parts]) for n in names}
+    return np.concatenate([p.time for p in parts]), columns

@@ -22,11 +22,7 @@ MOVES = 0.2
 def profile_of(config: Serve, axis: str, said: str | None) -> Unit:
     """The profile of an axis, of the folder or the mapping of `serve.yaml`, a shipped one, or the fallback.
 
-    Parameters
-    ----------
-    said : name that its blocks bring. It is looked up among the folder's files and the shipped profiles: it
-        is never a path.
-
+    What its blocks say is looked up among the folder's files and the shipped profiles: it is never a path.
     Raises InputError: there is none, or it cannot be used.
     """
     units = config.units
@@ -42,10 +38,8 @@ def profile_of(config: Serve, axis: str, said: str | None) -> Unit:
         return _load(said)
     if config.fallback is not None:
         return _load(config.fallback)
-    raise InputError(
-        f"axis {axis}: no profile{f' {said!r}' if said else ''}",
-        mend="put one named like the axis into the units folder, or name a fallback",
-    )
+    problem = f"axis {axis}: no profile{f' {said!r}' if said else ''}"
+    raise InputError(problem, mend="put one named like the axis into the units folder, or name a fallback")
 
 
 @cache
@@ -55,15 +49,8 @@ def _load(source: str) -> Unit:
 
 
 class Learning:
-    """Gather the balances of a unit whose own are not known yet.
-
-    Parameters
-    ----------
-    unit : profile without baseline. seconds : of work after which it is learnt.
-
-    Attributes
-    ----------
-    bins, history : all of its state.
+    """Gather the balances of a unit without baseline, until it has worked for so many seconds; its state is
+    in `bins` and `history`.
 
     Examples
     --------

@@ -28,14 +28,12 @@ def sendings(
 ) -> list[tuple[float, Block]]:  # fmt: skip
     """When (s from the start) each block of a log is sent, in that order, without those that are lost.
 
-    Parameters
-    ----------
-    speed : times real time, inf sends all at once. jitter : s that a block is held up at most, and those
-        behind it. loss : share of blocks that never come. shuffle : so many neighbours come in any order.
+    `speed`: times real time, inf sends all at once. `jitter`: s that a block is held up at most, and those
+    behind it. `loss`: share of blocks that never come. `shuffle`: so many neighbours come in any order.
     """
     # The name too: axes must not lose the same blocks.
     rng = np.random.default_rng([seed, zlib.crc32(axis.encode())])
-    blocks = [Block(axis, part, number, "", 0.0) for number, part in enumerate(pieces(samples))]
+    blocks = [Block(axis, part, number, 0.0) for number, part in enumerate(pieces(samples))]
     numbers = np.arange(len(blocks))
     order = np.lexsort((rng.random(numbers.size), numbers // shuffle))
     ends = np.array([blocks[k].samples.time[-1] - samples.time[0] for k in order])
@@ -46,11 +44,8 @@ def sendings(
 
 
 def publish(broker: Broker, topic: str, sent: Iterable[tuple[float, Block]], stop: threading.Event) -> None:
-    """Send blocks at their times, at QoS 1, until the broker has them all or `stop` is set.
-
-    Parameters
-    ----------
-    topic : ``{axis}`` in it becomes the axis's name. sent : s from the start and block, in that order.
+    """Send blocks at their times (s from the start), in that order, at QoS 1, until the broker has them all
+    or `stop` is set. ``{axis}`` in the topic becomes the axis's name.
 
     Raises InputError: the broker cannot be reached, refuses the connection, or does not take the blocks.
     """

@@ -40,16 +40,7 @@ GC_THRESHOLD = 50_000
 
 
 class Service:
-    """Everything that a `serve.yaml` describes.
-
-    Parameters
-    ----------
-    config : the file.
-
-    Attributes
-    ----------
-    address : what a browser opens. tokens : who may call; None lets everybody in as admin.
-    metrics : the text and its type for Prometheus's Accept header.
+    """Everything that a `serve.yaml` describes; without `tokens` everybody is let in as admin.
 
     Raises InputError: a profile, a port, a file or the store that cannot be used.
     """
@@ -80,21 +71,15 @@ class Service:
                 problems.append(f"source {name} is not connected{why}")
         told = {name: status.get("last_error") for name, status in self.outputs.status().items()}
         problems += [f"output {name}: {error}" for name, error in told.items() if error]
-        return {
-            "status": "degraded" if problems else "ok", "problems": problems, "axes": self.fleet.count,
-            "sources": sources,
-        }  # fmt: skip
+        state = "degraded" if problems else "ok"
+        return {"status": state, "problems": problems, "axes": self.fleet.count, "sources": sources}
 
     def sources(self) -> dict[str, dict[str, Any]]:
         """How each source stands, by name."""
         return {status["name"]: status for status in (source.status() for source in self._sources)}
 
     def run(self, stop: threading.Event, began: Callable[[], None] = lambda: None) -> None:
-        """Work until `stop` is set, then keep everything.
-
-        Parameters
-        ----------
-        began : called when all sources have begun.
+        """Work until `stop` is set, then keep everything; `began` is called when all sources have begun.
 
         Raises Exception: what ended the fleet's thread: a source that cannot even begin, another service that
         has taken over, or a fault of fdd. Whoever started it sees a status that is not 0.
@@ -155,10 +140,7 @@ class Service:
 
 
 def _opened(url: str) -> Store:
-    """The store, claimed; a server that is away at the start is waited for, as it would be later.
-
-    Raises InputError: a file that cannot be used, or a database that somebody must mend.
-    """
+    """The store, claimed; a server that is away at the start is waited for, as it would be later."""
     while True:
         try:
             store = Store(url)
@@ -173,18 +155,14 @@ def _opened(url: str) -> Store:
 
 
 def _only_one(state: Path) -> IO[bytes]:
-    """A lock of the state folder, held while the process lives.
-
-    Raises InputError: another process has it, or the folder cannot be written.
-    """
+    """A lock of the state folder, held while the process lives."""
     try:
         state.mkdir(parents=True, exist_ok=True)
         lock = (state / "lock").open("wb")
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise InputError(
-            "another fdd serve keeps its state there", where=state, mend="stop it, or name another folder"
-        ) from None
+        problem, mend = "another fdd serve keeps its state there", "stop it, or name another folder"
+        raise InputError(problem, where=state, mend=mend) from None
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=state) from None
     return lock
@@ -209,14 +187,12 @@ def check_files(config: Serve) -> None:
     Model.load(config.model)
     if config.tokens is not None:
         Tokens.load(config.tokens)
-    if config.listen.tls is not None:
-        tls = config.listen.tls
+    if (tls := config.listen.tls) is not None:
         try:
             ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(tls.cert, tls.key)
         except OSError as error:  # ssl's own errors are OSErrors
-            raise InputError(
-                f"cannot be used for TLS ({error.strerror or error})", where=f"{tls.cert}, {tls.key}"
-            ) from None
+            problem = f"cannot be used for TLS ({error.strerror or error})"
+            raise InputError(problem, where=f"{tls.cert}, {tls.key}") from None
     for source in config.sources:
         open_source(source).check()
     outputs = config.outputs

@@ -84,12 +84,8 @@ class AxisStatus(BaseModel):
 
 
 class AxisDetail(BaseModel):
-    """An axis with its last ten minutes and the findings that stand.
-
-    Attributes
-    ----------
-    misfits : how badly each balance closes, in what a healthy unit's does.
-    """
+    """An axis with its last ten minutes and the findings that stand; `misfits` are how badly each balance
+    closes, in what a healthy unit's does."""
 
     status: AxisStatus
     findings: list[FaultFinding] = []
@@ -100,19 +96,10 @@ class AxisDetail(BaseModel):
 
 
 def status_of(
-    watch: AxisWatch,
-    alarms: Sequence[Alarm],
-    counters: Mapping[str, float],
-    now: float,
+    watch: AxisWatch, alarms: Sequence[Alarm], counters: Mapping[str, float], now: float,
     zone: str | None = None,
-) -> AxisStatus:
-    """How an axis stands.
-
-    Parameters
-    ----------
-    alarms : of this axis. counters : of the inbox, and whether the axis is put off.
-    now : Unix seconds. zone : of its clock times.
-    """
+) -> AxisStatus:  # fmt: skip
+    """How an axis stands now (Unix s), by its alarms and counters: the inbox's, and whether it is put off."""
     live = [a for a in alarms if a.state in ("UNACK", "ACKED", "RTNUN")]
     open_ = [a for a in live if a.state != "ACKED"]
     lag_s, put_off = counters.get("lag_s", 0.0), bool(counters.get("put_off"))
@@ -163,23 +150,17 @@ def _clock_time(wall: float | None, zone: str | None) -> str:
 
 
 class Recent:
-    """What is kept of an axis for its page.
-
-    Attributes
-    ----------
-    looks : of each look time, estimates, misfits of the balances and probabilities of the families.
-    """
+    """What is kept of an axis for its page; of each look time, estimates, misfits and probabilities."""
 
     def __init__(self) -> None:
-        self.looks: deque[tuple[float, dict[str, Estimate], dict[str, float], dict[str, float]]]
-        self.looks = deque(maxlen=round(SPAN_S / LOOK_S))
+        self.looks = deque[tuple[float, dict[str, Estimate], dict[str, float], dict[str, float]]](
+            maxlen=round(SPAN_S / LOOK_S)
+        )
         # Number of the stretch, least and largest.
         self._bands: deque[tuple[int, _Floats, _Floats]] = deque(maxlen=round(SPAN_S / BAND_S))
 
     def add(self, samples: Samples) -> None:
         """Take samples that follow the last ones."""
-        if not len(samples):
-            return
         place = np.floor(samples.time / BAND_S).astype(np.int64)
         starts = np.flatnonzero(np.diff(place, prepend=place[0] - 1))
         values = np.full((len(_NAMES), len(samples)), np.nan, dtype=np.float32)

@@ -30,17 +30,14 @@ Targets = Mapping[tuple[Kind, bool], Sequence[str]]
 
 @dataclass
 class Batch:
-    """What is stored in one transaction, and told once it is: blocks, further writes, events, answers.
-
-    Attributes
-    ----------
-    wall : Unix seconds. put_off : axes of the journal whose blocks are worked later.
-    """
+    """What is stored in one transaction, and told once it is: blocks, further writes, events, answers."""
 
     targets: Targets
     wall: float
+    """Unix seconds."""
     journal: list[tuple[str, bytes]] = field(default_factory=list)
     put_off: set[str] = field(default_factory=set)
+    """Axes of the journal whose blocks are worked later."""
     writes: list[Callable[[Transaction], object]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     answers: list[tuple[Future[Any], Any]] = field(default_factory=list)
@@ -60,13 +57,8 @@ class Batch:
 
 
 class Writer:
-    """Write batches, and axes' states with them, to a store that may fail.
-
-    Attributes
-    ----------
-    trouble : why the store cannot be used; None while it can. errors : how often it could not.
-    last_row : by axis, id of the journal's last row whose block is in its state.
-    """
+    """Write batches, and axes' states with them, to a store that may fail: `trouble` says why, `errors` how
+    often. `last_row`: by axis, id of the journal's last row whose block is in its state."""
 
     def __init__(self, store: Store) -> None:
         self._store = store

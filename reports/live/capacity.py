@@ -108,7 +108,7 @@ def inside(recorded: Sequence[Samples], axes: int, seconds: float, repeats: int,
             for number in range(blocks):
                 for k in range(axes):
                     payload = payloads[k % len(payloads)][number]
-                    fleet.inbox.put(decoder.decode(payload, "load", axis=f"A{k}", patient=True))
+                    fleet.inbox.put(decoder.decode(payload, axis=f"A{k}", patient=True))
                 while fleet.step(0.0):
                     pass
             return fleet, time.thread_time() - begun

@@ -222,7 +222,7 @@ def lived(plan: Plan, seed: int, folder: Path, advance: Callable[[float], None])
         for start in range(0, len(samples), BLOCK_ROWS):
             part = samples.rows(start, start + BLOCK_ROWS)
             now = float(part.time[-1])
-            inbox.put(Block(AXIS, part, sequence, "soak", now))
+            inbox.put(Block(AXIS, part, sequence, now))
             sequence += 1
             while fleet.step(0.0):
                 pass

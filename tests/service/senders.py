@@ -42,7 +42,7 @@ def a_block(number: int, axis: str = "A1", *, rows: int = 10, seed: int = 0) -> 
     """Rows at 100 Hz that go on from block to block."""
     value = np.random.default_rng([seed, number]).standard_normal(rows)
     time = 0.01 * (number * rows + np.arange(rows))
-    return Block(axis, Samples(time, {"position": value}), number, "", 0.0)
+    return Block(axis, Samples(time, {"position": value}), number, 0.0)
 
 
 def ordered(blocks: Iterable[Block]) -> tuple[Samples, Order]:
@@ -82,8 +82,8 @@ class Taker:
         return Samples.concatenate([b.samples for b in self.blocks if b.axis == axis])
 
 
-def message(kind: str, body: dict[str, Any], target: str = "t", id: int = 7) -> OutboxMessage:
-    return OutboxMessage(id, kind, body, target, 0)
+def message(kind: str, body: dict[str, Any], id: int = 7) -> OutboxMessage:
+    return OutboxMessage(id, kind, body, 0)
 
 
 def sent(store: Store, kind: str, body: Mapping[str, Any], target: str) -> int:

@@ -52,7 +52,7 @@ values = st.integers(1, 30).flatmap(
 def test_a_block_comes_back_as_it_was(values: np.ndarray, number: int | None, unit: str | None) -> None:
     time = 1.7e9 + np.arange(values.shape[1]) * 1e-3
     columns = dict(zip(("position", "pump_speed", "pressure_1"), values, strict=True))
-    block = Block("line/A-1", Samples(time, columns), number, "", 0.0, unit)
+    block = Block("line/A-1", Samples(time, columns), number, 0.0, unit)
     for payload in (encode_json(block), encode_arrow(block)):
         found = decode(payload)
         assert (found.axis, found.sequence, found.unit) == (block.axis, number, unit)
@@ -174,7 +174,7 @@ def test_what_is_wrong_with_arrow_is_told(payload: bytes, told: str) -> None:
 
 def block(axis: str, number: int, seconds: float = 1.0, **more: object) -> Block:
     time = number * seconds + np.linspace(0.0, seconds, 10, endpoint=False)
-    return Block(axis, Samples(time, {"position": time}), number, "test", 0.0, **more)  # type: ignore[arg-type]
+    return Block(axis, Samples(time, {"position": time}), number, 0.0, **more)  # type: ignore[arg-type]
 
 
 def test_blocks_come_out_oldest_first_and_in_turn() -> None:

@@ -22,7 +22,7 @@ PERIOD = 0.01
 
 
 def block(time: np.ndarray, value: np.ndarray, number: int | None) -> Block:
-    return Block("A1", Samples(time, {"position": value, "pump_speed": -value}), number, "test", 0.0)
+    return Block("A1", Samples(time, {"position": value, "pump_speed": -value}), number, 0.0)
 
 
 def blocks_of(draw: st.DrawFn, *, counted: bool) -> tuple[list[Block], np.ndarray, np.ndarray]:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import os
 import socket
-import sys
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -21,7 +19,7 @@ from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.samples import Samples
 from fdd.service.blocks import Decoder, encode_arrow, encode_json
-from fdd.service.config_sources import FolderSource, ReplaySource, StdinSource, TcpSource, UdpSource
+from fdd.service.config_sources import FolderSource, ReplaySource, TcpSource, UdpSource
 from fdd.service.sources import Source, open_source
 from tests.service.senders import Taker, a_block, ordered, until
 
@@ -143,19 +141,6 @@ def test_datagrams_are_messages(taker: Taker, start: Start) -> None:
     until(lambda: len(taker.blocks) == 3)
     assert taker.numbers("C3") == [0, 1] and source.status()["refused"] == 1
     assert np.array_equal(taker.joined("C3")["position"][10:], a_block(1).samples["position"])
-
-
-def test_standard_input(taker: Taker, start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
-    reading, writing = os.pipe()
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(fileno=lambda: reading))
-    source = start(open_source(StdinSource(type="stdin", axis="A1")))
-    os.write(writing, samples(0, 5))
-    until(lambda: len(taker.blocks) >= 1)
-    os.write(writing, samples(5, 5)[:-1])  # the last line has no end
-    os.close(writing)
-    until(lambda: source.status().get("ended") and not source.status()["connected"])
-    assert taker.joined()["position"].tolist() == list(range(10))
-    os.close(reading)
 
 
 def test_the_sender_of_the_manual_sends(taker: Taker, tcp: Tcp) -> None:

@@ -37,7 +37,7 @@ def leaking(seconds: float = 60.0, onset: float = 30.0) -> Samples:
 def blocks_of(samples: Samples, axis: str = "A1") -> list[Block]:
     """Numbered blocks of a tenth of a second."""
     return [
-        Block(axis, samples.rows(k, k + ROWS), k // ROWS, "test", RECEIVED + float(samples.time[k]))
+        Block(axis, samples.rows(k, k + ROWS), k // ROWS, RECEIVED + float(samples.time[k]))
         for k in range(0, len(samples), ROWS)
     ]
 

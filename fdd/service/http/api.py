@@ -7,7 +7,7 @@ from collections.abc import AsyncIterable, AsyncIterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import orjson
-from fastapi import APIRouter, Depends, HTTPException, Path, Query, Request, Response
+from fastapi import APIRouter, Body, Depends, HTTPException, Path, Query, Request, Response
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import BaseModel, ConfigDict, Field
@@ -100,12 +100,6 @@ class Problem(BaseModel):
     """Why a request was refused, in one line."""
 
     error: str
-
-
-class Login(BaseModel):
-    """Body of a login on the page."""
-
-    token: str
 
 
 class Note(BaseModel):
@@ -300,13 +294,10 @@ def router(service: "Service", stop: threading.Event) -> APIRouter:
         return Session(name=who.name, role=who.role, tokens=tokens is not None)
 
     @api.post("/api/login")
-    def login(body: Login, response: Response) -> Session:
+    def login(token: Annotated[str, Body(embed=True)], response: Response) -> Session:
         """Keep a token in a cookie, for the page."""
-        found = known(body.token)
-        secure = service.config.listen.tls is not None
-        response.set_cookie(
-            COOKIE, body.token, max_age=COOKIE_S, httponly=True, samesite="strict", secure=secure
-        )
+        found, secure = known(token), service.config.listen.tls is not None
+        response.set_cookie(COOKIE, token, max_age=COOKIE_S, httponly=True, samesite="strict", secure=secure)
         return Session(name=found.name, role=found.role, tokens=True)
 
     @api.post("/api/logout", status_code=204)

@@ -134,15 +134,7 @@ ANSWERS: dict[type[Exception], Callable[[Any], Response]] = {
 
 
 class Server:
-    """uvicorn on a socket of its own.
-
-    Parameters
-    ----------
-    service : what is served, at its `config.listen`.
-
-    Attributes
-    ----------
-    address : what a browser opens.
+    """uvicorn on a socket of its own; `address` is what a browser opens.
 
     Raises InputError: the port is taken.
     """

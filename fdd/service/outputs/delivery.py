@@ -28,13 +28,8 @@ KINDS: tuple[Kind, ...] = ("alarm", "finding")
 
 
 class Undelivered(Exception):
-    """A message did not arrive.
-
-    Parameters
-    ----------
-    problem : one line. wait_s : s that the target asks for, before which nothing is tried again.
-    final : it never will arrive. down : the target takes nothing now.
-    """
+    """A message did not arrive, and (`final`) never will, or the target takes nothing now (`down`) or for
+    `wait_s` seconds."""
 
     def __init__(self, problem: str, *, wait_s: float = 0.0, final: bool = False, down: bool = False) -> None:
         super().__init__(" ".join(problem.split())[:300])
@@ -44,12 +39,9 @@ class Undelivered(Exception):
 class Target(ABC):
     """One receiver of messages, in their order and each at least once: one that fails holds back the next.
 
-    Attributes
-    ----------
-    name : in the outbox. kinds : of the messages that it is sent.
-    is_live : whether `note` takes statuses, and it hears what a chattering alarm does.
-    counts : messages delivered, attempts failed, messages given up, those that wait (at most `MOST_TAKEN`)
-        and live events lost, so far. last_error : "" while all is well.
+    `kinds` of messages are sent to it; one that `is_live` takes statuses (`note`), and hears what a
+    chattering alarm does. `counts`: messages delivered, attempts failed, messages given up, those that wait
+    (at most `MOST_TAKEN`) and live events lost, so far. `last_error`: "" while all is well.
     """
 
     kinds: Sequence[Kind] = KINDS
@@ -96,10 +88,10 @@ class Target(ABC):
             self.counts["pending"] -= 1
         self.last_error = ""
 
-    def _is_given_up(self, message: OutboxMessage, problem: Exception) -> bool:
+    def _is_given_up(self, message: OutboxMessage, error: Exception) -> bool:
         """Give up, or rest before the next attempt; which of them."""
-        told = f"{type(problem).__name__}: {problem}"
-        error = problem if isinstance(problem, Undelivered) else Undelivered(told)
+        if not isinstance(error, Undelivered):
+            error = Undelivered(f"{type(error).__name__}: {error}")
         self.counts["failed"] += 1
         self.last_error = str(error)
         attempts = message.attempts + 1

@@ -21,8 +21,6 @@ from fdd.service.status import AxisState, AxisStatus
 if TYPE_CHECKING:
     from fdd.service.service import Service
 
-MOST_AXES = 1000
-"""With metrics of their own; a label's every value is a series that Prometheus keeps."""
 UNITS = {
     "leakage": "cubic_meters_per_pascal_second",
     "bulk_modulus": "pascals",
@@ -91,22 +89,14 @@ class Metrics(Collector):
         fleet = self._service.fleet
         axes = sorted(fleet.axes(), key=lambda axis: axis.name)
         yield GaugeMetricFamily("fdd_axes", "Axes that are watched.", len(axes))
-        omitted = max(0, len(axes) - MOST_AXES)
-        yield GaugeMetricFamily("fdd_axes_omitted", "Axes beyond the bound, without metrics.", omitted)
         yield _gauge("fdd_build_info", "Version of fdd.", ["version"], [((__version__,), 1)])
         yield CounterMetricFamily("fdd_store_errors", "Failures of the store.", fleet.writer.errors)
-        axes = axes[:MOST_AXES]
         yield from _of({axis.name: _figures(axis) for axis in axes}, "axis", _AXES)
-        states = [
-            ((a.name, s), a.state == s or (s == "silent" and a.silent))
-            for a in axes
-            for s in get_args(AxisState)
-        ]
-        yield _gauge("fdd_axis_state", "1 for the state an axis is in.", ["axis", "state"], states)
+        states = [(a, s) for a in axes for s in get_args(AxisState)]
+        there = [((a.name, s), a.state == s or (s == "silent" and a.silent)) for a, s in states]
+        yield _gauge("fdd_axis_state", "1 for the state an axis is in.", ["axis", "state"], there)
         chances = [((a.name, f), a.probabilities.get(f)) for a in axes for f in FAMILIES]
-        yield _gauge(
-            "fdd_fault_probability", "Probability of a family of faults.", ["axis", "family"], chances
-        )
+        yield _gauge("fdd_fault_probability", "Probability of a family.", ["axis", "family"], chances)
         known = [((a.name, q), e.observable) for a in axes for q, e in a.estimates.items() if q in UNITS]
         yield _gauge("fdd_estimate_observable", "1 while it can be estimated.", ["axis", "quantity"], known)
         # A store in trouble must not take the other metrics away, nor tell of no alarms.
@@ -143,5 +133,4 @@ def _gauge(name: str, help: str, labels: list[str], rows: _Rows, kind: Any = Gau
     for values, value in rows:
         if value is not None and math.isfinite(value):
             metric.add_metric(values, value)
-    found: Metric = metric
-    return found
+    return metric

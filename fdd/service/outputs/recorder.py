@@ -46,11 +46,8 @@ BEGINS = ("RAISED", "RERAISED")
 class _Axis:
     """One axis's latest samples and statuses; while a recording runs (at `path`), all since its `start`.
 
-    Attributes
-    ----------
-    unit : its profile. offset : s to add to the stream's stamps for Unix seconds.
-    heard : monotonic s of the last block.
-    size : bytes of the samples. start, until : s of the stream's clock. wall : Unix seconds of its 0.
+    `offset` makes Unix seconds of the stream's stamps, `wall` is that of the recording; `heard`: monotonic s
+    of the last block; `size`: bytes of the samples; `start`, `until`: s of the stream's clock.
     """
 
     unit: Unit = field(init=False)
@@ -67,12 +64,7 @@ class _Axis:
 
 
 class Recorder:
-    """Records axes around their alarms, in a thread of its own.
-
-    Parameters
-    ----------
-    config : folder (made where it is missing), s before and after an alarm, most bytes in the folder.
-    bus : of samples, alarms and statuses.
+    """Records axes around their alarms, in a thread of its own, into a folder that it makes.
 
     Raises InputError: the folder cannot be written.
     """
@@ -136,10 +128,9 @@ class Recorder:
         axis.ring.append(samples)
         axis.size += _bytes(samples)
         oldest = min(last - self._config.before - LATE_S, axis.start)
-        too_large = axis.path is None and axis.size > MOST_BYTES
-        while len(axis.ring) > 1 and (axis.ring[0].time[-1] < oldest or too_large):
+        most_bytes = MOST_BYTES if axis.path is None else math.inf
+        while len(axis.ring) > 1 and (axis.ring[0].time[-1] < oldest or axis.size > most_bytes):
             axis.size -= _bytes(axis.ring.popleft())
-            too_large = axis.path is None and axis.size > MOST_BYTES
         while axis.statuses and axis.statuses[0]["time"] < oldest:
             axis.statuses.popleft()
 
@@ -225,12 +216,11 @@ def _trajectories(statuses: list[dict[str, Any]], start: float) -> dict[str, Any
         return {n: np.array([cell(r[n]) if n in r else None for r in found], np.float64) for n in names}
 
     return {
-        "time": times,
+        "time": times, "window_time": times,
         "estimates": {"ekf": columns("estimates", lambda e: e["value"])},
         "stds": {"ekf": columns("estimates", lambda e: e["std"])},
-        "window_time": times,
         "probabilities": columns("probabilities", lambda p: p),
-    }
+    }  # fmt: skip
 
 
 def keep_within(folder: Path, most_bytes: int, newest: Path) -> None:

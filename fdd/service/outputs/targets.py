@@ -42,8 +42,6 @@ class Webhook(Target):
     """POSTs to an http or https address; what is signed goes nowhere else, as redirects are not followed.
 
     Its name is the host and the first characters of the URL's SHA-256, as a URL may hold secrets.
-
-    Raises InputError: the file of its secret cannot be read.
     """
 
     def __init__(self, hook: config.Webhook, store: Store) -> None:
@@ -54,17 +52,13 @@ class Webhook(Target):
         super().__init__(f"webhook:{urlsplit(hook.url).hostname}-{sha256[:8]}", store)
 
     def deliver(self, message: OutboxMessage) -> None:
-        """POST a message, the same bytes at every attempt.
-
-        Raises Undelivered: no connection, no answer in time, or an answer other than 2xx.
-        """
+        """POST a message, the same bytes at every attempt; Undelivered without an answer of 2xx in time."""
         told = {"schema": "fdd.event/1", "id": message.id, "kind": message.kind, "data": message.body}
         body = orjson.dumps(told)
         headers = {
-            "Content-Type": "application/json",
-            "User-Agent": f"fdd/{__version__}",
+            "Content-Type": "application/json", "User-Agent": f"fdd/{__version__}",
             "Idempotency-Key": hashlib.sha256(body).hexdigest()[:32],
-        }
+        }  # fmt: skip
         if self._secret is not None:
             stamp = str(int(time.time()))
             headers |= {"X-Fdd-Timestamp": stamp, "X-Fdd-Signature": signature(self._secret, stamp, body)}
@@ -111,8 +105,6 @@ class MqttPublisher(Target):
 
     Topics: ``PREFIX/status``, ``PREFIX/axis/NAME/state`` and ``PREFIX/axis/NAME/alarm/ID`` are retained,
     ``PREFIX/axis/NAME/finding`` is not. All by QoS 1. A broker that forgot is told all that stands.
-
-    Raises InputError: a secret or certificate that cannot be read.
     """
 
     is_live = True
@@ -154,10 +146,7 @@ class MqttPublisher(Target):
         return {**super().status(), **link, "link_error": self.link_error}
 
     def deliver(self, message: OutboxMessage) -> None:
-        """Send an alarm's transition or a finding, and wait until the broker has it.
-
-        Raises Undelivered: no connection, or no acknowledgement.
-        """
+        """Send an alarm's transition or a finding, and wait until the broker has it; Undelivered if not."""
         if not self._client.is_connected():
             raise Undelivered(self.link_error or "not connected", down=True)
         if message.kind == "alarm":
@@ -176,8 +165,7 @@ class MqttPublisher(Target):
         """Send the states that changed, each at most every `EVERY_S`; all of them to a broker that is new."""
         if not self._client.is_connected():
             return
-        connection = self.connections
-        if self._refreshed != connection:
+        if (connection := self.connections) != self._refreshed:
             for alarm in self._store.alarms(STANDING):
                 self._alarm(alarm)
             self._sent.clear()
@@ -218,15 +206,8 @@ def _is_acknowledged(info: MQTTMessageInfo, seconds: float) -> bool:
 
 
 class Outputs:
-    """Everything that tells the outside what the fleet found.
-
-    Parameters
-    ----------
-    settings : `outputs` of the configuration. store : its outbox holds what must arrive.
-    bus : of what may be lost.
-
-    Raises InputError: settings that cannot work: a secret file, a folder, a port.
-    """
+    """Everything that tells the outside what the fleet found: what must arrive is in the store's outbox, what
+    may be lost comes by the bus. Raises InputError: a secret file or a folder that cannot be used."""
 
     def __init__(self, settings: config.Outputs, store: Store, bus: Bus) -> None:
         made: list[Target] = [] if settings.mqtt is None else [MqttPublisher(settings.mqtt, store)]

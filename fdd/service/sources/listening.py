@@ -1,15 +1,10 @@
-"""JSON lines over TCP and on standard input, datagrams over UDP: blocks, or single samples."""
+"""JSON lines over TCP, datagrams over UDP: blocks, or single samples."""
 
 from __future__ import annotations
 
-import math
-import os
-import select
 import socket
-import sys
 import threading
 import time
-from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,7 +14,7 @@ from fdd.errors import InputError
 from fdd.monitor.lines import split_lines
 from fdd.samples import Samples
 from fdd.service.blocks import ARROW_START, Block, Decoder, axis_name, json_object
-from fdd.service.config_sources import StdinSource, TcpSource, UdpSource, bound_socket
+from fdd.service.config_sources import TcpSource, UdpSource, bound_socket
 from fdd.service.sources.source import Source, Window
 
 GATHERED_S = 0.1
@@ -28,9 +23,7 @@ _READ = 1 << 16
 _RECEIVED_BYTES = 8 << 20
 _ON_THEIR_WAY = 32
 """Blocks of one connection that may wait for the fleet."""
-
-
-Config = TypeVar("Config", bound=TcpSource | UdpSource | StdinSource)
+Config = TypeVar("Config", bound=TcpSource | UdpSource)
 
 
 class Listener(Source[Config]):
@@ -41,7 +34,8 @@ class Listener(Source[Config]):
         self.axis, self.decoder = config.axis, Decoder(self._map)
         self._open = set[socket.socket]()
 
-    def _bound(self, config: TcpSource | UdpSource, kind: socket.SocketKind) -> socket.socket:
+    def _bound(self, kind: socket.SocketKind) -> socket.socket:
+        config = self._config
         where = f"{config.type} {config.host}:{config.port}"
         bound = bound_socket(config.host, config.port, where, "name a free port", kind)
         bound.settimeout(GATHERED_S)
@@ -50,12 +44,7 @@ class Listener(Source[Config]):
 
 
 class _Feed:
-    """One connection's messages to blocks.
-
-    Parameters
-    ----------
-    stop : ends a wait. window : how many blocks may be on their way; None where the sender cannot wait.
-    """
+    """One connection's messages to blocks; without a window where the sender cannot wait."""
 
     def __init__(self, source: Listener[Any], stop: threading.Event, window: Window | None = None) -> None:
         self._source, self._stop, self._window = source, stop, window
@@ -65,28 +54,23 @@ class _Feed:
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._pending, self._since = 0, time.monotonic()
 
-    def pump(self, read: Callable[[], bytes], idle: float = math.inf) -> str:
-        """Read to the stream's end, `stop` or `idle` s of silence; which of them ("end", "stop", "silent").
-
-        Parameters
-        ----------
-        read : gives b"" at the end; raises TimeoutError where nothing comes for a moment.
-        """
+    def pump(self, connection: socket.socket, idle: float) -> bool:
+        """Read to the stream's end, `stop` or `idle` s of silence; whether it was that."""
         heard, tail = time.monotonic(), b""
         try:
             while not self._stop.is_set():
                 try:
-                    chunk = read()
+                    chunk = connection.recv(_READ)
                 except TimeoutError:
                     if time.monotonic() - heard > idle:
-                        return "silent"
+                        return True
                 else:
                     if not chunk:
-                        return "end"
+                        break
                     tail = self._lines(tail, chunk)
                     heard = time.monotonic()
                 self.flush_if_due()
-            return "stop"
+            return False
         finally:
             self._lines(tail, b"", ended=True)
             self.flush()
@@ -103,16 +87,16 @@ class _Feed:
 
     def take(self, line: bytes) -> None:
         """One line or one datagram; what is wrong with it is counted and told."""
-        decoder, name = self._source.decoder, self._source.name
+        decoder = self._source.decoder
         try:
             if line.startswith(ARROW_START):
-                block = decoder.decode(line, name, **self._more)
+                block = decoder.decode(line, **self._more)
             else:
                 message = json_object(line)
                 if "schema" not in message:
                     self._gather(message)
                     return
-                block = decoder.decode_object(message, name, **self._more)
+                block = decoder.decode_object(message, **self._more)
             self.flush()  # samples that came before
             self._give(block)
         except InputError as error:
@@ -129,13 +113,12 @@ class _Feed:
             self._since = time.monotonic()
         self._rows.setdefault(axis, []).append(sample)
         self._pending += 1
-        if self._pending >= MOST_PENDING:
-            self.flush()
         self.flush_if_due()
 
     def flush_if_due(self) -> None:
-        """Give the samples that were gathered long enough."""
-        if self._pending and time.monotonic() - self._since >= GATHERED_S:
+        """Give the samples that were gathered long enough, or are many."""
+        due = time.monotonic() - self._since >= GATHERED_S or self._pending >= MOST_PENDING
+        if self._pending and due:
             self.flush()
 
     def flush(self) -> None:
@@ -164,7 +147,7 @@ class _Feed:
         cuts = np.flatnonzero(np.diff(stamps) <= 0.0) + 1
         for part in np.split(np.arange(stamps.size), cuts) if stamps.size else ():
             samples = Samples(stamps[part], {n: v[part] for n, v in columns.items()})
-            self._give(Block(axis, samples, None, source.name, time.time(), **self._more))
+            self._give(Block(axis, samples, None, time.time(), **self._more))
 
     def _give(self, block: Block) -> None:
         if self._window is None or self._window.wait(self._stop):
@@ -179,7 +162,7 @@ class TcpLines(Listener[TcpSource]):
         return {**super().status(), "connections": len(self._open)}
 
     def _begin(self, stop: threading.Event) -> None:
-        listener = self._bound(self._config, socket.SOCK_STREAM)
+        listener = self._bound(socket.SOCK_STREAM)
         listener.listen()
         self._run(self._accept, listener, stop)
 
@@ -205,7 +188,7 @@ class TcpLines(Listener[TcpSource]):
         try:
             connection.settimeout(GATHERED_S)
             feed, idle = _Feed(self, stop, Window(_ON_THEIR_WAY)), self._config.idle
-            if feed.pump(lambda: connection.recv(_READ), idle) == "silent":
+            if feed.pump(connection, idle):
                 self._told(f"{peer}: silent for {idle:g} s, closed")
         except OSError as error:
             self._told(f"{peer}: connection lost ({error.strerror or error})")
@@ -218,7 +201,7 @@ class Datagrams(Listener[UdpSource]):
     """A UDP port that takes a message, a block or a sample, in each datagram."""
 
     def _begin(self, stop: threading.Event) -> None:
-        bound = self._bound(self._config, socket.SOCK_DGRAM)
+        bound = self._bound(socket.SOCK_DGRAM)
         # A hundred axes may send in one instant; the system grants what it allows.
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED_BYTES)
         self._run(self._receive, bound, stop)
@@ -235,20 +218,3 @@ class Datagrams(Listener[UdpSource]):
                     self._told(f"datagram lost ({error.strerror or error})")
                 feed.flush_if_due()
         feed.flush()
-
-
-class StandardInput(Listener[StdinSource]):
-    """JSON lines on standard input, to its end; `ended` of the status tells that all was read."""
-
-    def _begin(self, stop: threading.Event) -> None:
-        self._set(ended=False)
-        self._run(self._read, sys.stdin.fileno(), stop)
-
-    def _read(self, number: int, stop: threading.Event) -> None:
-        def read() -> bytes:
-            # Not a plain read: a silent stream would hold the last samples back, and the end of the service.
-            if not select.select([number], [], [], GATHERED_S)[0]:
-                raise TimeoutError
-            return os.read(number, _READ)
-
-        self._set(ended=_Feed(self, stop, Window(_ON_THEIR_WAY)).pump(read) == "end")

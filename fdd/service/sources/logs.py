@@ -33,12 +33,9 @@ LARGEST_S = 1.0
 
 
 class Done(BaseModel):
-    """What became of one file.
+    """What became of one file; another size or time of change is another file of that name, and read again.
 
-    Attributes
-    ----------
-    size, changed_ns : of the file that was read; another one of the same name is read again.
-    accepted : blocks that were stored. whole : whether these are all. error : why it cannot be read.
+    `accepted` blocks were stored, `whole` says whether these are all, `error` why it cannot be read.
     """
 
     model_config = ConfigDict(extra="forbid")

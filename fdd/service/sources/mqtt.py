@@ -73,11 +73,9 @@ class Mqtt(Source[MqttSource]):
             session.SessionExpiryInterval = round(3600 * config.session_hours)
             session.ReceiveMaximum = _ON_THEIR_WAY
             session.MaximumPacketSize = MAX_BLOCK_BYTES + _TOPIC_BYTES
-        self._client = client = config.client(
-            config.client_id or f"fdd-{socket.gethostname()}-{self.name}",
-            clean_session=None if is_5 else False,
-            manual_ack=True,
-        )
+        name = config.client_id or f"fdd-{socket.gethostname()}-{self.name}"
+        client = config.client(name, clean_session=None if is_5 else False, manual_ack=True)
+        self._client = client
         client.on_connect, client.on_subscribe = self._connected, self._subscribed
         client.on_connect_fail, client.on_disconnect = self._not_connected, self._disconnected
         client.on_message = self._message
@@ -156,7 +154,7 @@ class Mqtt(Source[MqttSource]):
         try:
             axis = None if level is None else axis_name(topic.split("/")[level])
             payload = bytes(message.payload)
-            self.take(self._decoder.decode(payload, self.name, axis=axis, patient=True, accepted=done))
+            self.take(self._decoder.decode(payload, axis=axis, patient=True, accepted=done))
         except InputError as error:
             self.refuse(error.at(f"topic {topic[:100]}"))
             done()

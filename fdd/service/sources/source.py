@@ -14,7 +14,7 @@ from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.samples import Samples
 from fdd.service.blocks import Block, nothing
-from fdd.service.config_sources import AnySource, source_name
+from fdd.service.config_sources import AnySource
 
 LOG = logging.getLogger("fdd.service")
 LATELY_S, LOGGED_S = 20.0, 10.0
@@ -23,15 +23,10 @@ Config = TypeVar("Config", bound=AnySource)
 
 
 class Source(ABC, Generic[Config]):
-    """One source; it runs in threads of its own, and counts what it receives.
-
-    Parameters
-    ----------
-    config : its part of `serve.yaml`; the map that it names is read.
-    """
+    """One source, of its part of `serve.yaml`; it runs in threads of its own, and counts what it receives."""
 
     def __init__(self, config: Config) -> None:
-        self.name, self._config = source_name(config), config
+        self.name, self._config = config.name or config.type, config
         self._map = None if config.map is None else ChannelMap.load(config.map)
         self._lock = threading.Lock()
         self._counts = {"received": 0, "refused": 0, "reconnects": 0}
@@ -49,10 +44,7 @@ class Source(ABC, Generic[Config]):
         self._begin(stop)
 
     def check(self) -> None:
-        """Open the files and folders that its part of `serve.yaml` names.
-
-        Raises InputError: one cannot be used.
-        """
+        """Open the files and folders that its part of `serve.yaml` names, or raise InputError."""
 
     @abstractmethod
     def _begin(self, stop: threading.Event) -> None:
@@ -108,7 +100,7 @@ class Source(ABC, Generic[Config]):
             if not window.wait(stop):
                 return
             told = window.accepted
-            self.take(Block(axis, rows, number, self.name, time.time(), patient=True, accepted=told))
+            self.take(Block(axis, rows, number, time.time(), patient=True, accepted=told))
             yield number
 
     def refuse(self, error: InputError) -> None:
@@ -145,8 +137,7 @@ class Window:
     def wait(self, stop: threading.Event) -> bool:
         """Wait until another block may go; False where `stop` was set."""
         with self._changed:
-            self._below(self._most, stop)
-            goes = not stop.is_set()
+            goes = self.drained(stop, self._most - 1)
             self.waiting += goes
         return goes
 
@@ -156,11 +147,9 @@ class Window:
             self.waiting -= 1
             self._changed.notify_all()
 
-    def drained(self, stop: threading.Event) -> None:
-        """Wait until all blocks were stored, or `stop` is set."""
+    def drained(self, stop: threading.Event, most: int = 0) -> bool:
+        """Wait until no more blocks than `most` are on their way; False where `stop` was set."""
         with self._changed:
-            self._below(1, stop)
-
-    def _below(self, most: int, stop: threading.Event) -> None:
-        while self.waiting >= most and not stop.is_set():
-            self._changed.wait(0.2)
+            while self.waiting > most and not stop.is_set():
+                self._changed.wait(0.2)
+        return not stop.is_set()

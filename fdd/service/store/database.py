@@ -47,10 +47,6 @@ class LeaseLost(InputError):
 def told(where: str) -> Iterator[None]:
     """Tell a database's trouble in one line; what is a mistake of the program goes on as it is.
 
-    Parameters
-    ----------
-    where : the database's file, or its URL without the password.
-
     Raises StoreTrouble: it may pass. InputError: somebody must mend it.
     """
     try:
@@ -87,9 +83,8 @@ def connect(url: str, existing: bool = False) -> tuple[Engine, str]:
     }
     if parsed.drivername in ("sqlite", "sqlite+pysqlite"):
         if existing and not Path(parsed.database or "").is_file():
-            raise InputError(
-                "no such file", where=parsed.database or url, mend="name the store of serve.yaml"
-            )
+            where = parsed.database or url
+            raise InputError("no such file", where=where, mend="name the store of serve.yaml")
         return _sqlite(parsed, options)
     if parsed.drivername in ("postgresql", "postgres", "postgresql+psycopg"):
         return _postgres(parsed.set(drivername="postgresql+psycopg"), options)
@@ -163,11 +158,7 @@ def _alone(connection: Connection) -> None:
 def prepare(engine: sa.Engine, where: str, existing: bool = False) -> None:
     """Make the tables of an empty database, all or none.
 
-    Parameters
-    ----------
-    where : the database, for messages. existing : refuse an empty database.
-
-    Raises InputError: the database is of another version of fdd, of another program, or empty.
+    Raises InputError: the database is of another version of fdd, of another program, or empty (`existing`).
     """
     # One transaction: of two that start at once, one waits and then finds nothing to do.
     with told(where), engine.connect().execution_options(**{WRITES: True}) as connection, connection.begin():
@@ -175,20 +166,16 @@ def prepare(engine: sa.Engine, where: str, existing: bool = False) -> None:
         if REVISION.name in found:
             version = connection.execute(sa.select(REVISION)).scalar()
             if version != VERSION:
-                raise InputError(
-                    f"the store is of another version of fdd (its tables are {version}, here {VERSION})",
-                    where=where, mend="use that fdd, or name another store",
-                )  # fmt: skip
+                problem = f"the store is of another version of fdd (its tables are {version}, here {VERSION})"
+                raise InputError(problem, where=where, mend="use that fdd, or name another store")
             return
         if existing:
             raise InputError("is no store of fdd serve", where=where, mend="name that of serve.yaml")
         # Other programs' tables may stand beside ours on a server, but not in a file.
         foreign = found if dialect == "sqlite" else found & set(METADATA.tables)
         if foreign:
-            raise InputError(
-                f"is a database of another program (it has a table {min(foreign)})",
-                where=where, mend="name another file, or a database of its own",
-            )  # fmt: skip
+            problem = f"is a database of another program (it has a table {min(foreign)})"
+            raise InputError(problem, where=where, mend="name another file, or a database of its own")
         METADATA.create_all(connection)
         connection.execute(sa.insert(REVISION), {"version_num": VERSION})
         for statement in GROWS[dialect]:

@@ -23,14 +23,9 @@ SPANS_S = {"minute": 60.0, "hour": 3600.0, "day": 86400.0}
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The state of an axis, from which it goes on after a restart.
-
-    Attributes
-    ----------
-    time : s of the stream's clock. wall : Unix seconds.
-    sequence : id of the last journal row whose block is in the state.
-    version : of the state's form. arrays : the state, by names of whom it belongs to.
-    """
+    """The state of an axis, from which it goes on after a restart, at `time` (s of the stream's clock) and
+    `wall` (Unix seconds). `sequence`: id of the last journal row whose block is in the state; `version`: of
+    the state's form; `arrays`: the state, by names of whom it belongs to."""
 
     axis: str
     time: float
@@ -76,13 +71,8 @@ def unpacked(small: bytes, sha256: str, where: str) -> dict[str, NDArray[Any]]:
 
 @dataclass(frozen=True)
 class Rollup:
-    """What a quantity was over a span; SI.
-
-    Attributes
-    ----------
-    start_wall : Unix seconds, any within the span; the store sets the span's beginning.
-    n : values. std : of all of them (divided by n, not n - 1), with what each value errs by itself.
-    """
+    """What a quantity was over a span, in SI: `n` values, `std` of all (divided by n, not n - 1) with what
+    each errs by itself. `start_wall`: Unix seconds, any within the span; the store sets its beginning."""
 
     axis: str
     quantity: str

@@ -10,17 +10,10 @@ from sqlalchemy import JSON, BigInteger, Boolean, Column, Double, Index, Integer
 METADATA = sa.MetaData()
 VERSION = "0002"
 """Of the tables; a store of another one is refused."""
-COUNTED: dict[str, Any] = {"sqlite_autoincrement": True}
-"""Ids of rows that are gone never come again: a checkpoint names the journal's last row that it holds."""
 
 
 def _key(name: str, kind: Any) -> Column[Any]:
     return Column(name, kind, primary_key=True)
-
-
-def _id() -> Column[Any]:
-    # SQLite counts up only what is called INTEGER.
-    return _key("id", BigInteger().with_variant(Integer, "sqlite"))
 
 
 def _needed(kind: Any, *names: str) -> list[Column[Any]]:
@@ -30,6 +23,12 @@ def _needed(kind: Any, *names: str) -> list[Column[Any]]:
 def _known(kind: Any, *names: str) -> list[Column[Any]]:
     """Columns that may be empty."""
     return [Column(name, kind) for name in names]
+
+
+def _counted(name: str, *parts: Any) -> Table:
+    """A table of numbered rows. Ids of rows that are gone never come again: a checkpoint names one."""
+    id = _key("id", BigInteger().with_variant(Integer, "sqlite"))  # SQLite counts up only what is an INTEGER
+    return Table(name, METADATA, id, *parts, sqlite_autoincrement=True)
 
 
 REVISION = Table("fdd_revision", METADATA, _key("version_num", sa.String(32)))
@@ -42,16 +41,13 @@ AXIS = Table(
     *_needed(Double, "first_wall", "last_wall"),
     *_known(Double, "last_time"),
 )
-FINDING = Table(
+FINDING = _counted(
     "finding",
-    METADATA,
-    _id(),
     *_needed(Text, "axis", "fault", "family"),
     *_needed(Double, "time", "wall", "confidence"),
     *_known(Double, "onset", "severity", "low", "high"),
     *_needed(JSON, "body"),
     Index("finding_by_axis", "axis", "wall"),
-    **COUNTED,
 )
 ALARM = Table(
     "alarm",
@@ -67,10 +63,8 @@ ALARM = Table(
     Index("alarm_by_key", "axis", "key", "id"),
     Index("alarm_by_state", "state"),
 )
-AUDIT = Table(
+AUDIT = _counted(
     "audit",
-    METADATA,
-    _id(),
     *_needed(Double, "wall"),
     *_known(Double, "time"),
     *_needed(Text, "who", "action", "note"),
@@ -78,7 +72,6 @@ AUDIT = Table(
     *_known(Text, "axis"),
     *_needed(JSON, "body"),
     Index("audit_by_alarm", "alarm_id"),
-    **COUNTED,
 )
 ROLLUP = Table(
     "rollup",
@@ -99,27 +92,21 @@ CHECKPOINT = Table(
     *_needed(Text, "profile_sha256", "model_sha256", "version", "sha256"),
     *_needed(LargeBinary, "body"),
 )
-JOURNAL = Table(
+JOURNAL = _counted(
     "journal",
-    METADATA,
-    _id(),
     *_needed(Text, "axis"),
     *_needed(LargeBinary, "payload"),
     Index("journal_by_axis", "axis", "id"),
-    **COUNTED,
 )
 _TO_DO = sa.text("NOT done")
-OUTBOX = Table(
+OUTBOX = _counted(
     "outbox",
-    METADATA,
-    _id(),
     *_needed(Text, "kind", "target"),
     *_needed(JSON, "body"),
     *_needed(Integer, "attempts"),
     *_needed(Double, "next_wall"),
     Column("done", Boolean, nullable=False, server_default=sa.false()),
     Index("outbox_to_do", "target", "id", sqlite_where=_TO_DO, postgresql_where=_TO_DO),
-    **COUNTED,
 )
 
 # The audit only grows, whoever writes. INSERT OR REPLACE deletes without asking a trigger for deletes.

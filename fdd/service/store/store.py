@@ -33,7 +33,6 @@ class OutboxMessage:
     id: int
     kind: str
     body: Mapping[str, Any]
-    target: str
     attempts: int
 
 
@@ -170,11 +169,7 @@ class Store:
     clock, and `wall`, Unix seconds. Whatever reads or writes raises `StoreTrouble` (locked, full, server
     away: try again, nothing was written) or `InputError` (damaged, read-only: somebody must mend it).
 
-    Parameters
-    ----------
-    url : ``sqlite:///fdd.db`` or ``postgresql://user@host/database``.
-    existing : refuse to make one.
-
+    Its URL is ``sqlite:///fdd.db`` or ``postgresql://user@host/database``; with `existing` none is made.
     Raises InputError: wrong URL, damaged, of another fdd, of another program.
     """
 
@@ -237,9 +232,8 @@ class Store:
         """What `AlarmBook.restore` takes: alarms that are not over, each key's last one, and the next id."""
         c = ALARM.c
         last = select(func.max(c.id)).group_by(c.axis, c.key)
-        kept = self._rows(
-            select(c.id, c.body).where(sa.or_(c.state != "NORMAL", c.id.in_(last))).order_by(c.id)
-        )
+        chosen = select(c.id, c.body).where(sa.or_(c.state != "NORMAL", c.id.in_(last)))
+        kept = self._rows(chosen.order_by(c.id))
         return {"next_id": kept[-1]["id"] + 1 if kept else 1, "alarms": [row["body"] for row in kept]}
 
     def findings(self, limit: int = 1000) -> list[Row]:
@@ -286,7 +280,7 @@ class Store:
     def outbox(self, limit: int, target: str) -> list[OutboxMessage]:
         """The oldest messages for a target that did not arrive yet, in their order."""
         c = OUTBOX.c
-        waiting = select(c.id, c.kind, c.body, c.target, c.attempts).where(~c.done, c.target == target)
+        waiting = select(c.id, c.kind, c.body, c.attempts).where(~c.done, c.target == target)
         return [OutboxMessage(**row) for row in self._rows(waiting.order_by(c.id).limit(limit))]
 
     def settle(self, id: int, *, done: bool, why: str = "") -> None:
@@ -300,13 +294,9 @@ class Store:
     def compact(
         self, now: float, minutes: int = 30, hours: int = 730, findings: int | None = None
     ) -> dict[str, int]:
-        """Forget what is old, and give its room on the disk back; how many rows of each went.
+        """Forget what is old now (Unix seconds), and give its room on the disk back; how many rows of each.
 
-        Days are kept for ever, so are alarms and the audit.
-
-        Parameters
-        ----------
-        now : Unix seconds. minutes, hours, findings : days for which each is kept; None is for ever.
+        Minutes, hours and findings are kept for so many days (None: for ever), days, alarms and audit stay.
         """
         c = ROLLUP.c
         old = {
