@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.logs.channel_map import ChannelMap
+from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.conversion import Feed, accumulate_speed, feeds_of, to_si
 from fdd.logs.formats import LogFile, open_log
 from fdd.logs.formats.mcap import McapFile
@@ -102,9 +102,8 @@ def read_log(
             notes.insert(0, f"file is truncated: read up to t={time[-1]:.3f} s")
         start_ns = file.start_ns - (0 if of_file or not file.start_ns else round(float(time[0]) * 1e9))
         units = {c: f.source.unit for c, f in feeds.items() if f.source.unit is not None}
-        speed = None if channel_map is None else channel_map.channels.get("pump_speed")
-        demanded = speed is not None and speed.from_ == "command"
-        samples, quality = _judged(time, columns, units, shortest, demanded=demanded)
+        made = {} if channel_map is None else channel_map.channels
+        samples, quality = _judged(time, columns, made, units, shortest)
         quality.notes[:0] = notes
         metadata, profiles = file.metadata, file.metadata.get("unit", {})
         if chosen is not None and "yaml" not in profiles and chosen in profiles:  # of a run of several axes
@@ -169,14 +168,15 @@ def as_log(samples: Samples, axis: str | None = None, *, shortest: float = 2.0) 
     >>> log.samples.channels, log.quality.period
     (('position', 'pump_speed', 'pressure_difference', 'pump_angle'), 0.001)
     """
-    made, quality = _judged(samples.time, samples.columns, {}, shortest)
+    made, quality = _judged(samples.time, samples.columns, {}, {}, shortest)
     return Log(made, quality, "samples", axis)
 
 
 def _judged(
-    time: Column, columns: dict[str, Column], units: dict[str, str], shortest: float, demanded: bool = False
-) -> tuple[Samples, DataQuality]:
-    """Channels that a diagnosis can use, and what is odd; `demanded`: the command stands in for the speed."""
+    time: Column, columns: dict[str, Column], made: dict[str, ChannelSource], units: dict[str, str],
+    shortest: float,
+) -> tuple[Samples, DataQuality]:  # fmt: skip
+    """Channels that a diagnosis can use, and what is odd; `made`: the map's, some of them from others."""
     quality = check_time(time, shortest)
     notes: list[str] = []
     empty = []
@@ -187,7 +187,8 @@ def _judged(
         if not np.isfinite(values).any():
             empty.append(channel)
             del columns[channel]
-    demanded = demanded and "command" in columns and "pump_speed" not in columns
+    of_command = "pump_speed" in made and made["pump_speed"].from_ == "command"
+    demanded = of_command and "command" in columns and "pump_speed" not in columns
     if absent := missing_required({*columns, *(["pump_speed"] if demanded else [])}):
         silent = f" ({', '.join(empty)} without a single value)" if empty else ""
         mend = "record them, or name their columns with --map"

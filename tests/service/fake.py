@@ -126,11 +126,12 @@ def made_up() -> World:
     return world
 
 
-def service_of(world: World, tokens: Tokens | None = None, **listen: Any) -> Any:
+def service_of(world: World, tokens: Tokens | None = None, told: bool = True, **listen: Any) -> Any:
     metrics = lambda accept: (b"fdd_axes 2\n", "text/plain; version=0.0.4; charset=utf-8")  # noqa: E731
     return SimpleNamespace(
         fleet=world, store=world.store, bus=world.bus, health=lambda: world.health, metrics=metrics,
-        tokens=tokens, config=SimpleNamespace(listen=Listen(**{"port": 0, **listen})),
+        tokens=tokens,
+        config=SimpleNamespace(listen=Listen(**{"port": 0, **listen}), outputs=SimpleNamespace(metrics=told)),
     )  # fmt: skip
 
 

@@ -66,6 +66,11 @@ def server(served: World) -> Iterator[Server]:
         yield made
 
 
+def test_metrics_are_served_unless_the_configuration_says_no(world: World) -> None:
+    assert client_of(world).get("/metrics").text == "fdd_axes 2\n"
+    assert client_of(world, told=False).get("/metrics").status_code == 404
+
+
 def test_each_address_asks_for_its_role(world: World) -> None:
     tokens, text = three_tokens()
     client = client_of(world, tokens=tokens)

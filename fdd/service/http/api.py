@@ -305,10 +305,11 @@ def router(service: "Service", stop: threading.Event) -> APIRouter:
         """Forget the cookie."""
         response.delete_cookie(COOKIE)
 
-    @api.get("/metrics", dependencies=view, response_class=Response)
-    def metrics_(request: Request) -> Response:
+    def metrics(request: Request) -> Response:
         """Counts and figures for Prometheus."""
         text, kind = service.metrics(request.headers.get("accept", ""))
         return Response(text, media_type=kind)
 
+    if service.config.outputs.metrics:
+        api.add_api_route("/metrics", metrics, dependencies=view, response_class=Response)
     return api
