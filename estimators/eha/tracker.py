@@ -40,11 +40,6 @@ class EhaTracker:
     decimation : samples per record.
     gamma, layer : SVSF memory, and limit of the boundary layer in innovation sigmas: 1.5 times the
         99.9 % quantile of the optimal layer on healthy simulated duties and loads.
-
-    Examples
-    --------
-    >>> tracker = EhaTracker(model, method="svsf")            # doctest: +SKIP
-    >>> records = tracker.push(block)                         # doctest: +SKIP
     """
 
     def __init__(
