@@ -49,6 +49,8 @@ def compiler(*folders: Path) -> Callable[..., Any]:
     key = sources_key(*folders)
 
     def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+        """``numba.njit`` with these options, kept on disk."""
+
         def decorated(function: Callable[..., Any]) -> Any:
             compiled = numba.njit(**options)(function)
             if key is not None and not numba.config.DISABLE_JIT:
