@@ -29,6 +29,7 @@ class Record(Protocol):
     variance: Annotated[Array, eha.STATES]
     nis: float  # sum of squared innovations over their variances, a mean over the record
     outside: float  # share of samples at which the SVSF's gain took over
+    bulk_modulus: Two  # of each chamber, Pa
     viscosity: float
     unrest: float
 

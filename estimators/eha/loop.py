@@ -281,6 +281,8 @@ def track(
                 rec.variance[i] *= max(memory.unrest, 1.0) ** 2
             rec.nis = memory.nis / memory.count
             rec.outside = memory.outside / memory.count
+            rec.bulk_modulus[0] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR] + x[eha.SPLIT], q)[0]
+            rec.bulk_modulus[1] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR] - x[eha.SPLIT], q)[0]
             rec.viscosity = viscosity
             rec.unrest = memory.unrest
             memory.nis = memory.outside = memory.count = 0.0
