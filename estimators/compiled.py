@@ -28,15 +28,10 @@ Two = Annotated[NDArray[np.float64], 2]
 
 
 def sources_key(*folders: Path) -> str | None:
-    """Hash of all Python sources below some folders, and of what compiles them.
+    """Hash of all Python sources below some packages' folders, and of what compiles them.
 
-    Parameters
-    ----------
-    folders : of packages. Their sources are named relative to the folder: a copy elsewhere has the same key.
-
-    Returns
-    -------
-    Hexadecimal, or None where there are no sources to be read (a zipped or frozen program).
+    Sources are named relative to the folder: a copy elsewhere has the same key. None where there are no
+    sources to be read (a zipped or frozen program).
     """
     found = [(path, path.relative_to(folder)) for folder in folders for path in sorted(folder.rglob("*.py"))]
     total = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
@@ -47,15 +42,9 @@ def sources_key(*folders: Path) -> str | None:
 
 
 def compiler(*folders: Path) -> Callable[..., Any]:
-    """A decorator like ``numba.njit(cache=True)``, for functions whose code comes from these folders alone.
+    """A decorator like ``numba.njit(cache=True)``, which takes the other options of ``numba.njit``.
 
-    Parameters
-    ----------
-    folders : of the packages whose functions and constants end up in the compiled code; what is below counts.
-
-    Returns
-    -------
-    Called with the options of ``numba.njit`` (without ``cache``), it decorates a function.
+    `folders` of the packages whose functions and constants end up in the compiled code, with what is below.
     """
     key = sources_key(*folders)
 

@@ -5,16 +5,13 @@ Model, with process noise ``w ~ N(0, Q)`` and measurement noise ``v ~ N(0, R)``:
     x_k = f(x_{k-1}, u, dt) + w          or, without f:  F x + B u + w
     z_k = h(x_k) + v                     or, without h:  H x + v
 
-Predict:  ``x <- f(x)``, ``P <- F P F' + Q`` with the Jacobian ``F = df/dx``.
-Update:   ``y = z - h(x)``, ``S = H P H' + R``, ``K = P H' S^-1``, ``x <- x + K y``,
-``P <- (I - K H) P (I - K H)' + K R K'`` (Joseph form), done one decorrelated channel
-at a time (:func:`estimators.kernels.kalman_update_correlated`), so that nothing is inverted.
+The covariance goes with the Jacobians ``F = df/dx`` and ``H = dh/dx``. Channels are decorrelated and taken
+one by one in Joseph form (:func:`estimators.kernels.kalman_update_correlated`), so that nothing is inverted.
 
 Outliers can be weighed down channel by channel. With ``t = |y| / sqrt(S)`` the innovation in its own
 standard deviations and Huber's limit c, the weight is ``w = min(1, c / t)`` and ``R <- R + S (1 / w - 1)``,
 so that S becomes ``S / w``. Widening the noise, rather than clipping the innovation, lets the covariance
-grow too: what was hardly used has hardly informed. c = 1.345 keeps 95 % of the efficiency for Gaussian
-noise; 3 touches 0.3 % of good samples.
+grow too: what was hardly used has hardly informed.
 
 Sources: Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and
 Navigation, sections 5.2 and 10.3, doi 10.1002/0471221279; Huber 1964, doi 10.1214/aoms/1177703732; on the
@@ -26,23 +23,13 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimators.checks import (
-    Array,
-    Mask,
-    matrix,
-    measured_channels,
-    require_finite,
-    square,
-    vector,
-    whole_number,
-)
 from estimators.kernels import kalman_update_correlated
+from estimators.linalg import Array, Mask
 
 Model = Callable[..., ArrayLike]
 
@@ -50,15 +37,8 @@ Model = Callable[..., ArrayLike]
 def jacobian(function: Callable[[Array], ArrayLike], x: Array, P: Array) -> Array:
     """Derivative of ``function`` at ``x`` by central differences.
 
-    Parameters
-    ----------
-    function : takes a vector (n,), gives m values.
-    x : (n,) where.
-    P : (n, n) covariance of x; its standard deviations, or ``|x|`` where larger, set the steps.
-
-    Returns
-    -------
-    (m, n) array; error about 1e-10 of the scale for a smooth function.
+    Steps go with the standard deviations of the covariance `P` (n, n), or with `x` (n,) where that is larger.
+    Gives (m, n) for m values, with an error of about 1e-10 of the scale where the function is smooth.
 
     Examples
     --------
@@ -79,20 +59,8 @@ def jacobian(function: Callable[[Array], ArrayLike], x: Array, P: Array) -> Arra
     return np.ascontiguousarray(np.stack(columns, axis=1))
 
 
-@dataclass
-class Correction:
-    """What an update gives: x (n,), P (n, n), gain (n, m), NIS, log likelihood; other attributes."""
-
-    x: Array
-    P: Array
-    K: Array
-    nis: float
-    log_likelihood: float
-    others: dict[str, Any]
-
-
 class ExtendedKalmanFilter:
-    """Extended Kalman filter; without ``f`` and ``h`` the linear Kalman filter.
+    """Extended Kalman filter; without ``f`` and ``h`` the linear one (README: how filterpy's differs).
 
     Parameters
     ----------
@@ -105,8 +73,9 @@ class ExtendedKalmanFilter:
         linear model whose ``F`` depends on the time step.
     H_jacobian : ``H_jacobian(x)`` gives dh/dx (m, n). None: ``H``, or with ``h`` central differences.
         Compare your own with :func:`jacobian`: ``np.testing.assert_allclose`` says which entry is off.
-    robust : Huber's limit in standard deviations of the innovation, > 0: a channel that is further
-        off counts as if it were just there. 3 touches 0.3 % of good samples. None: no limit.
+    robust : Huber's limit in standard deviations of the innovation, > 0: a channel that is further off counts
+        as if it were just there. 1.345 keeps 95 % of the efficiency for Gaussian noise; 3 touches 0.3 % of
+        good samples. None: no limit.
 
     Attributes
     ----------
@@ -130,13 +99,6 @@ class ExtendedKalmanFilter:
     ValueError : a shape that does not fit, an infinite measurement, or a model that gives NaN.
         A refused call leaves ``x`` and ``P`` as they were.
 
-    Notes
-    -----
-    Differs from filterpy: NaN in ``z`` drops that channel for this update; ``predict`` takes a
-    time step; ``R`` may be singular; ``update`` needs no functions when the filter has them;
-    a missing measurement has likelihood 1, so ``filterpy.kalman.IMMEstimator`` does not count
-    the one before twice.
-
     Examples
     --------
     A pendulum of 1 m, its horizontal deflection measured, at an uneven rate:
@@ -157,22 +119,20 @@ class ExtendedKalmanFilter:
         self, dim_x: int, dim_z: int, dim_u: int = 0, *, f: Model | None = None, h: Model | None = None,
         F_jacobian: Model | None = None, H_jacobian: Model | None = None, robust: float | None = None,
     ) -> None:  # fmt: skip
-        self.dim_x = whole_number(dim_x, 1, "dim_x")
-        self.dim_z = whole_number(dim_z, 1, "dim_z")
-        self.dim_u = whole_number(dim_u, 0, "dim_u")
+        self.dim_x, self.dim_z, self.dim_u = dim_x, dim_z, dim_u
         if robust is not None and not robust > 0.0:
             raise ValueError(
                 f"robust is {robust:g}; give a limit of more than 0 standard deviations, or None"
             )
         self.robust = robust
         self.f, self.h, self.F_jacobian, self.H_jacobian = f, h, F_jacobian, H_jacobian
-        n, m = self.dim_x, self.dim_z
+        n, m = dim_x, dim_z
         self.x: Any = np.zeros((n, 1))
         self.P: Any = np.eye(n)
         self.Q: Any = np.eye(n)
         self.R: Any = np.eye(m)
         self.F: Any = np.eye(n)
-        self.B: Any = np.zeros((n, self.dim_u)) if self.dim_u else None
+        self.B: Any = np.zeros((n, dim_u)) if dim_u else None
         self.H: Any = np.zeros((m, n))
         self.x_prior, self.P_prior = self.x.copy(), self.P.copy()
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
@@ -197,20 +157,20 @@ class ExtendedKalmanFilter:
         F, B, Q : for this step only, in place of the attributes.
         """
         n = self.dim_x
-        x, P = self._state()
+        x, P = _vector(self.x, n, "x"), _square(self.P, n, "P")
         shaped = x.reshape(np.shape(self.x))
-        noise = square(self.Q if Q is None else Q, n, "Q")
+        noise = _square(self.Q if Q is None else Q, n, "Q")
         if F is not None:
-            transition = matrix(F, n, n, "F")
+            transition = _matrix(F, n, n, "F")
         elif self.F_jacobian is not None:
-            transition = matrix(self.F_jacobian(shaped.copy(), u, dt), n, n, "F_jacobian(x, u, dt)")
+            transition = _matrix(self.F_jacobian(shaped.copy(), u, dt), n, n, "F_jacobian(x, u, dt)")
         elif self.f is not None:
             f = self.f
             transition = jacobian(lambda v: f(v.reshape(shaped.shape), u, dt), x, P)
         else:
-            transition = matrix(self.F, n, n, "F")
+            transition = _matrix(self.F, n, n, "F")
         if self.f is not None:
-            x = vector(self.f(shaped.copy(), u, dt), n, "f(x, u, dt)")
+            x = _vector(self.f(shaped.copy(), u, dt), n, "f(x, u, dt)")
         else:
             x = transition @ x + self._input(u, self.B if B is None else B)
         require_finite(x, "the predicted state", "state")
@@ -234,47 +194,43 @@ class ExtendedKalmanFilter:
         residual : ``residual(z, h(x))``, for channels that are angles.
         mask : (m,) bools, False drops a channel whatever ``z`` holds there. None: NaN alone decides.
         """
-        m = self.dim_z
-        x, P = self._state()
-        shape = np.shape(self.x)
-        if z is None:
-            z = np.full(m, np.nan)
-        measured = vector(z, m, "z")
-        used = measured_channels(measured, mask)
+        n, m, shape = self.dim_x, self.dim_z, np.shape(self.x)
+        x, P = _vector(self.x, n, "x"), _square(self.P, n, "P")
+        measured = _vector(np.full(m, np.nan) if z is None else z, m, "z")
+        used = _measured(measured, mask)
         measured[~used] = np.nan
-        noise = square(self.R if R is None else R, m, "R")
+        noise = _square(self.R if R is None else R, m, "R")
         args = args if isinstance(args, tuple) else (args,)
         hx_args = hx_args if isinstance(hx_args, tuple) else (hx_args,)
         h = self.h if Hx is None else Hx
         derivative = self.H_jacobian if HJacobian is None and Hx is None else HJacobian
 
         def modelled(state: Array) -> Array:
-            return vector(h(state.reshape(shape).copy(), *hx_args), m, "h(x)") if h else H @ state
+            return _vector(h(state.reshape(shape).copy(), *hx_args), m, "h(x)") if h else H @ state
 
         if derivative is not None:
-            H = matrix(derivative(x.reshape(shape), *args), m, self.dim_x, "the Jacobian of h")
+            H = _matrix(derivative(x.reshape(shape), *args), m, n, "the Jacobian of h")
         elif h is None:
-            H = matrix(self.H, m, self.dim_x, "H")
+            H = _matrix(self.H, m, n, "H")
         else:
             H = jacobian(modelled, x, P)
         column = (m, 1) if len(shape) == 2 else (m,)
 
         def innovation(state: Array) -> Array:
             difference = residual(measured.reshape(column), modelled(state).reshape(column))
-            return vector(difference, m, "residual(z, h(x))")
+            return _vector(difference, m, "residual(z, h(x))")
 
         y = innovation(x)
         require_finite(y[used], "the innovation z - h(x)", "used channel")
         require_finite(H[used], "the Jacobian of h", "row")
-        corrected = self._correct(x, P, y, H, noise, used, innovation)
-        require_finite(corrected.x, "the updated state", "state")
-        require_finite(corrected.P, "the updated covariance", "row")
+        found = self._corrected(x, P, y, H, noise, used, innovation)
+        require_finite(found["x"], "the updated state", "state")
+        require_finite(found["P"], "the updated covariance", "row")
         S = H @ P @ H.T + noise
         self.S, self.H = 0.5 * (S + S.T), H
-        self.x, self.P, self.K = corrected.x.reshape(shape), corrected.P, corrected.K
-        self.nis, self.log_likelihood = corrected.nis, corrected.log_likelihood
-        for name, value in corrected.others.items():
+        for name, value in found.items():
             setattr(self, name, value)
+        self.x = found["x"].reshape(shape)
         self.z, self.y = measured.reshape(column), np.where(used, y, np.nan).reshape(column)
         self.channels_used = int(used.sum())
         self.x_post, self.P_post = self.x.copy(), self.P.copy()
@@ -305,11 +261,11 @@ class ExtendedKalmanFilter:
     def __repr__(self) -> str:
         return f"{type(self).__name__}(dim_x={self.dim_x}, dim_z={self.dim_z})"
 
-    def _correct(
+    def _corrected(
         self, x: Array, P: Array, y: Array, H: Array, R: Array, used: Mask,
         innovation: Callable[[Array], Array],
-    ) -> Correction:  # fmt: skip
-        """Result of an update from the prior; neither the arguments nor the filter are changed."""
+    ) -> dict[str, Any]:  # fmt: skip
+        """What an update from the prior makes of the attributes; neither arguments nor filter are changed."""
         found = self._kalman(x, P, y, H, R, used)
         weights = np.where(used, 1.0, np.nan)
         if self.robust is not None:
@@ -318,19 +274,13 @@ class ExtendedKalmanFilter:
             weights *= self.robust / np.maximum(sigmas, self.robust)
             if (sigmas > self.robust).any():
                 wide = self._kalman(x, P, y, H, R + np.diag(S * (1.0 / weights - 1.0)), used)
-                found = (*wide[:3], *found[3:])
-        return Correction(*found, {"robust_weights": weights})
+                found |= {name: wide[name] for name in ("x", "P", "K")}
+        return found | {"robust_weights": weights}
 
-    def _kalman(
-        self, x: Array, P: Array, y: Array, H: Array, R: Array, used: Mask
-    ) -> tuple[Array, Array, Array, float, float]:
-        """State, covariance, gain, NIS and log likelihood."""
+    def _kalman(self, x: Array, P: Array, y: Array, H: Array, R: Array, used: Mask) -> dict[str, Any]:
         x, P, K = x.copy(), P.copy(), np.zeros((self.dim_x, self.dim_z))
         nis, log_likelihood = kalman_update_correlated(x, P, y, H, R, used, K)
-        return x, P, K, nis, log_likelihood
-
-    def _state(self) -> tuple[Array, Array]:
-        return vector(self.x, self.dim_x, "x"), square(self.P, self.dim_x, "P")
+        return {"x": x, "P": P, "K": K, "nis": nis, "log_likelihood": log_likelihood}
 
     def _input(self, u: ArrayLike | None, B: ArrayLike | None) -> Array:
         if u is None or (B is None and not np.any(u)):
@@ -341,4 +291,57 @@ class ExtendedKalmanFilter:
         gain = np.asarray(B, float)
         if gain.ndim == 0:
             gain = gain * np.eye(self.dim_x)
-        return matrix(gain, self.dim_x, values.size, "B") @ values
+        return _matrix(gain, self.dim_x, values.size, "B") @ values
+
+
+def require_finite(array: Array, what: str, place: str) -> None:
+    """Refuse an array with values that are not finite; names what it is and the first place."""
+    bad = np.argwhere(~np.isfinite(array))
+    if bad.size:
+        raise ValueError(f"{what} is not finite in {place} {bad[0, 0]}; check the model and the covariances")
+
+
+def _vector(value: ArrayLike, size: int, name: str) -> Array:
+    """A fresh (size,) array of whatever shape came in."""
+    array = np.array(value, dtype=float).reshape(-1)
+    if array.size != size:
+        raise ValueError(f"{name} has {array.size} values, the filter expects {size}")
+    return array
+
+
+def _matrix(value: ArrayLike, rows: int, columns: int, name: str) -> Array:
+    """A fresh (rows, columns) array; a scalar or a flat list will do where the sizes agree."""
+    array = np.array(value, dtype=float, order="C")
+    if array.size == rows * columns and (array.ndim < 2 or array.shape == (rows, columns)):
+        return np.ascontiguousarray(array.reshape(rows, columns))
+    raise ValueError(f"{name} has shape {array.shape}, the filter expects {(rows, columns)}")
+
+
+def _square(value: ArrayLike, size: int, name: str) -> Array:
+    """A covariance (size, size) from a scalar, its diagonal or itself; a symmetric, finite copy."""
+    array = np.asarray(value, dtype=float)
+    if array.ndim == 0:
+        array = array * np.eye(size)
+    elif array.shape == (size,):
+        array = np.diag(array)
+    full = _matrix(array, size, size, name)
+    require_finite(full, name, "row")
+    negative = np.flatnonzero(np.diag(full) < 0.0)
+    if negative.size:
+        raise ValueError(f"{name} has a negative variance at {negative[0]}")
+    return 0.5 * (full + full.T)
+
+
+def _measured(z: Array, mask: ArrayLike | None) -> Mask:
+    """True where ``z`` (m,) is a number and ``mask`` (m,), if given, says to use it."""
+    used = ~np.isnan(z)
+    if mask is not None:
+        wanted = np.asarray(mask)
+        if wanted.dtype != np.bool_ or wanted.size != z.size:
+            problem = f"mask has {wanted.size} values of type {wanted.dtype}"
+            raise ValueError(f"{problem}; give {z.size} bools, True to use")
+        used &= wanted.reshape(-1)
+    infinite = np.flatnonzero(used & np.isinf(z))
+    if infinite.size:
+        raise ValueError(f"z is infinite in channel {infinite[0]}; mark a gap with NaN")
+    return used

@@ -1,21 +1,7 @@
 """Compiled filter arithmetic: what a loop over millions of samples calls.
 
-Every function is Numba-compiled, works in place where it says so, and takes
-C-contiguous ``float64`` arrays (``bool`` for masks). They check nothing: the
-classes in :mod:`estimators.ekf` and :mod:`estimators.svsf` do.
-
-=========== ============================================== ==========
-symbol      meaning                                        shape
-=========== ============================================== ==========
-``x``       state estimate                                 (n,)
-``P``       its covariance                                 (n, n)
-``H``       output matrix, or Jacobian of ``h`` at prior   (m, n)
-``R``       measurement noise covariance                   (m, m)
-``mask``    True where a channel has a measurement         (m,)
-``y``       innovation ``z - h(x_prior)``                  (m,)
-``S``       innovation covariance ``H P H' + R``           (m, m)
-``K``       gain                                           (n, m)
-=========== ============================================== ==========
+Every function works in place where it says so, and takes C-contiguous ``float64`` arrays (``bool`` for
+masks). They check nothing: the classes in :mod:`estimators.ekf` and :mod:`estimators.svsf` do.
 
 Scalar updates and unpivoted Cholesky factors commute with a change of units of
 states or channels, so raw SI (metres beside pascals) costs no digits here. The Joseph
@@ -65,14 +51,6 @@ def scalar_update(P: Array, h: Array, r: float, k: Array, Ph: Array) -> float:
             P[i, j] += (k[i] * r - total) * k[j]
     symmetrise(P)
     return s
-
-
-@njit(error_model="numpy")
-def channel_likelihood(e: float, s: float) -> tuple[float, float]:
-    """``e²/s`` and ``log N(e; 0, s)`` of one channel; a certain one (`s` 0) must be as predicted."""
-    if s > 0.0:
-        return e * e / s, -0.5 * (LOG_2PI + math.log(s) + e * e / s)
-    return (0.0, 0.0) if e == 0.0 else (np.inf, -np.inf)
 
 
 @njit()
@@ -136,9 +114,11 @@ def kalman_update_correlated(
         for i in range(n):
             for d in range(c + 1):
                 K[i, d] += k[i] * e_of_y[d]
-        squared, likelihood = channel_likelihood(e, s)
-        nis += squared
-        log_likelihood += likelihood
+        if s > 0.0:
+            nis += e * e / s
+            log_likelihood -= 0.5 * (LOG_2PI + math.log(s) + e * e / s)
+        elif e != 0.0:
+            nis, log_likelihood = np.inf, -np.inf
     for i in range(n):
         for d in range(m):
             if mask[d]:
@@ -151,26 +131,19 @@ def svsf_gain(
     PHt: Array, HPHt: Array, R: Array, e: Array, e_post: Array, gamma: float, psi: Array, variable: bool,
     K: Array, psi_k: Array, outside: Mask,
 ) -> bool:  # fmt: skip
-    """Gain of the smooth variable structure filter, fewer channels than states allowed.
+    """Gain of the SVSF (:mod:`estimators.svsf`), fewer channels than states allowed.
 
-    With ``E = |e| + gamma |e_post|`` the correction that the measured subspace must take is
-    ``k = r e`` per channel, ``r = E / psi`` inside the layer (``|e| <= psi``) and
-    ``r = E / |e|`` outside. The covariance-weighted inverse ``H+ = P H' (H P H')^-1`` carries
-    it to all states::
+    The correction that the measured subspace must take is ``k = r e`` per channel, ``r = E / psi`` inside the
+    layer (``|e| <= psi``) and ``r = E / |e|`` outside. ``H+ = P H' (H P H')^-1`` carries it to all states::
 
         delta = H+ k + (I - H+ H) K_ekf e
 
     Here ``H+ H K_ekf = K_ekf``, so the second term is zero identically: what an EKF would
     tell the unmeasured states already arrives through the cross-covariances in ``H+``. Hence
-    ``K = H+ diag(r)``. Outside the layer ``H delta = k`` gives the posterior error
-    ``-gamma |e_post| sgn(e)`` whatever the model.
+    ``K = H+ diag(r)``.
 
-    The optimal layer is ``psi_k = S (H P H')^-1 diag(E)`` (its diagonal is reported), for
-    which the SVSF gain is the Kalman gain. ``variable`` uses the Kalman gain as long as every
-    ``psi_k <= psi``, and the gain above, with ``psi`` as layer, beyond.
-
-    Sources: Habibi 2007, doi 10.1109/JPROC.2007.893255; Gadsden and Habibi 2013,
-    doi 10.1115/1.4006628.
+    Channels that measure the same combination of states make ``H P H'`` singular; then a
+    share :data:`TIE_BREAK` of ``R`` is added to it, which weighs them by their noise.
 
     Parameters
     ----------
@@ -178,25 +151,17 @@ def svsf_gain(
     R, e, psi : (m, m), (m,), (m,) noise, innovation, boundary layer (limit, > 0) in channel units.
     e_post : (m,) posterior error of the previous step.
     gamma : memory, 0 <= gamma < 1.
-    K, psi_k, outside : (n, m), (m,), (m,) results: gain, optimal layer, ``|e| > psi``.
+    variable : the Kalman gain as long as every ``psi_k <= psi``.
+    K, psi_k, outside : (n, m), (m,), (m,) results: gain, diagonal of the optimal layer, ``|e| > psi``.
 
     Returns
     -------
     switched : True when ``K`` holds the SVSF's gain; False when the Kalman gain is to be used
         (and ``K`` is not filled): inside the limit, or with nothing to correct in
         ``H P H'`` (no noise and no uncertainty).
-
-    Notes
-    -----
-    Channels that measure the same combination of states make ``H P H'`` singular; then a
-    share :data:`TIE_BREAK` of ``R`` is added to it, which weighs them by their noise.
     """
     n, m = PHt.shape
-    L = np.zeros((m, m))
-    S = np.empty((m, m))
-    for c in range(m):
-        for d in range(m):
-            S[c, d] = HPHt[c, d] + R[c, d]
+    L, S = np.zeros((m, m)), HPHt + R
     solvable = cholesky(HPHt, L) or cholesky(HPHt + TIE_BREAK * R, L)
     exceeded = False
     if solvable:
@@ -209,9 +174,7 @@ def svsf_gain(
             exceeded = True
     if not solvable or (variable and not exceeded):
         return False
-    for i in range(n):
-        for c in range(m):
-            K[i, c] = PHt[i, c]
+    K[:, :] = PHt
     cholesky_solve(L, K)
     for c in range(m):
         size = abs(e[c]) + gamma * abs(e_post[c])

@@ -6,12 +6,10 @@ the variances alone, what the data brought is::
     gained_k = max(0, 1/P_k - 1/P_k|k-1),     P_k|k-1 = P_k-1 + what the walk added
     I_k      = sum of gained over the last seconds
 
-``gained`` is what an information filter adds (Bar-Shalom, Li and Kirubarajan 2001, section 7.2,
-doi 10.1002/0471221279): of a single state ``h² / R`` for each measurement. Of a state among others it is
-what they tell about *it*: little, while only a sum that it is part of shows. ``1 / sqrt(I)`` is the standard
-deviation that the last `window` seconds alone would give to someone who knows the other states as well
-as the filter does. A variance that grows by more than the walk (a filter that was set free after a
-jump) counts as nothing gained.
+``gained`` is what an information filter adds (Bar-Shalom, Li and Kirubarajan 2001, section 7.2, doi
+10.1002/0471221279): of a single state ``h² / R`` for each measurement. Of a state among others it is what
+they tell about *it*, to someone who knows the others as well as the filter does: little, while only a sum
+shows. A variance that grows by more than the walk (a filter that was set free after a jump) gained nothing.
 
 **Validity.** An estimate becomes valid where its standard deviation falls below a share of its value,
 and stays so until it exceeds a larger share: a filter near the limit does not flicker.
@@ -131,7 +129,7 @@ class Observability:
             raise ValueError(f"window is {window:g} s; give a positive time")
         self.limits = dict(limits)
         self.window = float(window)
-        self._bounds = np.array([self.limits[n] for n in self.limits], dtype=np.float64).reshape(-1, 2)
+        self._bounds = np.array([*self.limits.values()], dtype=np.float64).reshape(-1, 2)
         self._time = np.full(1, np.nan)
         self._carried = np.full((len(self.limits), CARRIED), np.nan)
         self._carried[:, C_PARTS:] = self._carried[:, [C_VALID]] = 0.0
@@ -140,12 +138,9 @@ class Observability:
         return f"Observability({self.limits}, window={self.window})"
 
     def push(
-        self,
-        time: ArrayLike,
-        values: Mapping[str, ArrayLike],
-        stds: Mapping[str, ArrayLike],
+        self, time: ArrayLike, values: Mapping[str, ArrayLike], stds: Mapping[str, ArrayLike],
         drifts: Mapping[str, Drift] | None = None,
-    ) -> dict[str, Observed]:
+    ) -> dict[str, Observed]:  # fmt: skip
         """Take the next records.
 
         Parameters
@@ -170,14 +165,13 @@ class Observability:
             raise ValueError(f"time of shape {t.shape} is not a row of finite numbers; give (n,)")
         if np.any(np.diff(t) < 0.0) or (t.size and t[0] < self._time[0]):
             raise ValueError("time runs backwards; give records in order, each once")
-        n, drifts = t.size, drifts or {}
-        value = self._table(values, n, "values")
-        std = self._table(stds, n, "stds")
+        n = t.size
+        value, std = self._table(values, n, "values"), self._table(stds, n, "stds")
         if np.any(std < 0.0):
             raise ValueError("a standard deviation is negative; give square roots of variances")
-        walk = [drifts.get(name, STEADY) for name in self.limits]
+        walks = [(drifts or {}).get(name, STEADY) for name in self.limits]
         rate, ceiling, scale = (
-            _columns([getattr(d, part) for d in walk], n) for part in ("rate", "ceiling", "scale")
+            _columns([getattr(walk, part) for walk in walks], n) for part in ("rate", "ceiling", "scale")
         )
         if not (np.all(rate >= 0.0) and np.all(ceiling > 0.0) and np.all((scale > 0.0) & (scale < np.inf))):
             raise ValueError("a drift has a negative rate, or a ceiling or scale that is not positive")
@@ -193,11 +187,7 @@ class Observability:
         missing = [name for name in self.limits if name not in given]
         if missing:
             raise ValueError(f"{what} lack {', '.join(missing)}; give one for each of the limits")
-        rows = [np.atleast_1d(np.asarray(given[name], dtype=np.float64)) for name in self.limits]
-        for name, row in zip(self.limits, rows, strict=True):
-            if row.shape != (n,):
-                raise ValueError(f"{what} of {name}: shape {row.shape} where {(n,)} is wanted")
-        return np.array(rows).reshape(len(rows), n)
+        return _columns([given[name] for name in self.limits], n)
 
     def latest(self) -> dict[str, Observed]:
         """What the last record showed, (1,) each, also after `restore`; nothing is valid before the first."""
@@ -205,10 +195,8 @@ class Observability:
         with np.errstate(divide="ignore"):
             std = np.array([1.0 / np.sqrt(_total(row)) for row in c])
         out = np.array([std, c[:, C_HELD], np.sqrt(c[:, C_HELD_VARIANCE]), self._time - c[:, C_SINCE]])
-        return {
-            name: Observed(c[i : i + 1, C_VALID] > 0.0, *out[:, i : i + 1])
-            for i, name in enumerate(self.limits)
-        }
+        valid = c[:, C_VALID, None] > 0.0
+        return {name: Observed(valid[i], *out[:, i : i + 1]) for i, name in enumerate(self.limits)}
 
     def state(self) -> dict[str, Array]:
         """Everything that changes, as arrays (copies)."""
@@ -230,8 +218,7 @@ class Observability:
 
 def _columns(parts: list[ArrayLike], n: int) -> Array:
     """(q, n) from a number or (n,) for each quantity."""
-    rows = [np.broadcast_to(np.asarray(p, dtype=np.float64), (n,)) for p in parts]
-    return np.array(rows).reshape(len(parts), n)
+    return np.array([np.broadcast_to(np.asarray(p, float), n) for p in parts]).reshape(len(parts), n)
 
 
 @njit(error_model="numpy")

@@ -11,20 +11,12 @@ the *boundary layer* ``psi``. Per channel, with ``e = z - h(x_prior)``, the post
 
 Outside the layer the posterior error becomes ``-gamma |e_post| sgn(e)``, whatever the model:
 it contracts by ``gamma`` each step. Inside, the correction falls off with the square of ``e``.
+``H+`` carries the correction to unmeasured states through the covariance, as a Kalman filter would; where as
+many channels as states are measured it is ``H^-1``, Habibi's original gain.
 
-``H+`` carries the correction to unmeasured states through the covariance, as a Kalman filter would
-(:func:`estimators.kernels.svsf_gain` shows why no separate Kalman term is left over); where as many channels
-as states are measured it is ``H^-1``, Habibi's original gain.
-
-With ``boundary_layer="variable"`` the layer that minimises the trace of P is computed,
-``psi_k = S (H P H')^-1 diag(E)``. As long as its diagonal stays below the limit ``psi``, the
-gain *is* the Kalman gain; beyond, the gain above, with ``psi`` as the layer, takes over.
-``psi_k`` grows as the filter becomes sure of itself, also on a healthy plant: take the limit
-from a high quantile of ``psi_k`` over healthy runs, channel by channel, and again after
-every change of Q or R.
-
-``psi_k``, ``outside`` and ``chattering`` show that something changed, but they are tests of
-single samples: to *detect*, put a CUSUM or a windowed NIS on the innovations.
+With ``boundary_layer="variable"`` the gain *is* the Kalman gain as long as the layer that minimises the trace
+of P, ``psi_k = S (H P H')^-1 diag(E)``, stays below the limit ``psi``. It grows as the filter becomes sure of
+itself, also on a healthy plant: the README says how to choose the limit.
 
 Sources: Habibi 2007, doi 10.1109/JPROC.2007.893255; covariance: Gadsden and Habibi 2010, 49th
 IEEE CDC, 7389-7394; optimal layers: Gadsden and Habibi 2013, doi 10.1115/1.4006628.
@@ -38,10 +30,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimators.checks import Array, Mask, require_finite
-from estimators.ekf import Correction, ExtendedKalmanFilter, Model
+from estimators.ekf import ExtendedKalmanFilter, Model, require_finite
 from estimators.kernels import svsf_gain
-from estimators.linalg import joseph_update, project
+from estimators.linalg import Array, Mask, joseph_update, project
 
 
 class SVSF(ExtendedKalmanFilter):
@@ -125,11 +116,11 @@ class SVSF(ExtendedKalmanFilter):
             raise ValueError("psi is infinite, which corrects nothing; give a width, or a variable layer")
         return layer
 
-    def _correct(
+    def _corrected(
         self, x: Array, P: Array, y: Array, H: Array, R: Array, used: Mask,
         innovation: Callable[[Array], Array],
-    ) -> Correction:  # fmt: skip
-        found = super()._correct(x, P, y, H, R, used, innovation)
+    ) -> dict[str, Any]:  # fmt: skip
+        found = super()._corrected(x, P, y, H, R, used, innovation)
         e, H_used = y[used], np.ascontiguousarray(H[used])
         R_used = np.ascontiguousarray(R[np.ix_(used, used)])
         n, m = self.dim_x, e.size
@@ -141,17 +132,16 @@ class SVSF(ExtendedKalmanFilter):
             PHt, HPHt, R_used, e, self.e_post[used], float(self.gamma), layer, variable, K, psi_k, outside
         )
         if switched:
-            found.x, found.P = x + K @ e, P.copy()
-            joseph_update(found.P, K, H_used, R_used)
-            found.K[:, used] = K
-        after = innovation(found.x)
-        require_finite(found.x, "the updated state", "state")
+            found["x"], found["P"] = x + K @ e, P.copy()
+            joseph_update(found["P"], K, H_used, R_used)
+            found["K"][:, used] = K
+        after = innovation(found["x"])
+        require_finite(found["x"], "the updated state", "state")
         require_finite(after[used], "the posterior error z - h(x)", "used channel")
         layers, beyond = np.full(self.dim_z, np.nan), np.zeros(self.dim_z, dtype=bool)
         layers[used], beyond[used] = psi_k, outside
-        found.others |= {
+        return found | {
             "e_post": np.where(used, after, self.e_post), "psi_k": layers, "outside": beyond,
             "switched": switched, "updates": self.updates + used,
             "times_outside": self.times_outside + beyond,
         }  # fmt: skip
-        return found

@@ -47,11 +47,8 @@ def balance_forces(
     of a friction curve last for many samples, so they are averaged first and count once; step by step they
     would be taken for white noise and make friction look far better known than it is.
 
-    Parameters
-    ----------
-    x, P : posterior; friction and load states are corrected in place, once a period.
-    h : ms since the last sample. curve : healthy friction at the velocity of `x`, N.
-    q, c, memory : parameters, noise and memory of the tracker.
+    The posterior `x`, `P` is corrected in place, once a period; `h` is ms since the last sample, `curve` the
+    healthy friction at the velocity of `x`, N.
     """
     v = x[eha.V]
     if memory.force_span == 0.0:
@@ -172,17 +169,10 @@ def keep_compliance(x: Array, P: Array, kept: Array) -> None:
 LOWEST = np.full(eha.STATES, -np.inf)
 HIGHEST = np.full(eha.STATES, np.inf)
 for _state, _low, _high in (
-    (eha.LEAK, 0.02, 300.0),
-    (eha.VALVE1, 0.0, 300.0),
-    (eha.VALVE2, 0.0, 300.0),
-    (eha.AIR, -2.0, 100.0),
-    (eha.SPLIT, -30.0, 30.0),
-    (eha.GAIN, -0.1, 0.1),
-    (eha.FRIC, 0.02, 10.0),
-    (eha.VISC, -2e3, 5e4),
-    (eha.THROT, -2e4, 1e7),
-    (eha.INERT, -10.0, 3e3),
-):
+    (eha.LEAK, 0.02, 300.0), (eha.VALVE1, 0.0, 300.0), (eha.VALVE2, 0.0, 300.0), (eha.AIR, -2.0, 100.0),
+    (eha.SPLIT, -30.0, 30.0), (eha.GAIN, -0.1, 0.1), (eha.FRIC, 0.02, 10.0), (eha.VISC, -2e3, 5e4),
+    (eha.THROT, -2e4, 1e7), (eha.INERT, -10.0, 3e3),
+):  # fmt: skip
     LOWEST[_state], HIGHEST[_state] = _low, _high
 
 
@@ -196,9 +186,7 @@ def keep_in_bounds(x: Array, P: Array) -> None:
         return
     for j in range(eha.LEAK, eha.STATES):
         moved = min(max(x[j], LOWEST[j]), HIGHEST[j]) - x[j]
-        if moved == 0.0:
-            continue
-        if P[j, j] > 0.0:
+        if moved != 0.0 and P[j, j] > 0.0:
             for i in range(eha.LEAK, eha.STATES):
                 x[i] += P[i, j] / P[j, j] * moved
     for j in range(eha.LEAK, eha.STATES):  # one bound's correction may pass another's

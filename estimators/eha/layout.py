@@ -15,10 +15,6 @@ from estimators.linalg import Array
 TIME, POSITION, ANGLE, SPEED, PRESSURE_1, PRESSURE_2, DIFFERENCE, ACCUMULATOR, VISCOSITY = range(9)
 COLUMNS = 9
 
-# Rows of the measurement vector.
-Z_X, Z_TH, Z_P1, Z_P2, Z_DP, Z_MEAN = range(6)
-MEASUREMENTS = 6
-
 FLOW_PARAMETERS = 5
 """LEAK to SPLIT, see `estimators.eha.walk`."""
 
@@ -31,16 +27,11 @@ class Record(Protocol):
     time: float
     state: Annotated[Array, eha.STATES]
     variance: Annotated[Array, eha.STATES]
-    nis: float  # sum of squared innovations over their variances, a mean over the record as the next three
-    channels: float
-    log_likelihood: float
+    nis: float  # sum of squared innovations over their variances, a mean over the record
     outside: float  # share of samples at which the SVSF's gain took over
-    layer: float  # optimal boundary layer of chamber 1's pressure, MPa; NaN for the EKF
     bulk_modulus: Two  # of each chamber, Pa
     viscosity: float
     unrest: float
-    score: Flow  # over the last complete window
-    leakage_valve: Two  # covariances of leakage with the valves'
 
 
 class Memory(Protocol):
@@ -57,8 +48,6 @@ class Memory(Protocol):
     count: float
     started: float
     nis: float
-    channels: float
-    log_likelihood: float
     outside: float
     # Sums of the force balance, and how restless the load is: `estimators.eha.corrections`.
     force: float
@@ -88,7 +77,6 @@ class Memory(Protocol):
     gained: Flow
     shift_long: Flow
     gained_long: Flow
-    score: Flow
 
 
 RECORD, MEMORY = record_of(Record), record_of(Memory)
@@ -97,12 +85,6 @@ Records = NDArray[np.void]
 
 
 def finite(records: Records) -> NDArray[np.bool_]:
-    """Which records hold numbers alone, (n,); the layer, which the EKF has not, does not count.
-
-    Parameters
-    ----------
-    records : (n,) of `RECORD`, contiguous.
-    """
-    numbers = np.isfinite(records.view(np.float64).reshape(records.size, RECORD.itemsize // 8))
-    layer = RECORD.fields["layer"][1] // 8  # type: ignore[index]
-    return np.asarray(np.delete(numbers, layer, axis=1).all(axis=1))
+    """Which records hold numbers alone, (n,) for contiguous (n,) of `RECORD`."""
+    numbers = records.view(np.float64).reshape(records.size, RECORD.itemsize // 8)
+    return np.asarray(np.isfinite(numbers).all(axis=1))

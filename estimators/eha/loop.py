@@ -5,50 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.compiled import njit
+from estimators.eha import corrections, layout
 from estimators.eha import model as eha
-from estimators.eha.corrections import (
-    ROBUST,
-    balance_forces,
-    compare_sensors,
-    keep_compliance,
-    keep_in_bounds,
-    pressures_rest,
-)  # fmt: skip
-from estimators.eha.layout import (
-    ACCUMULATOR,
-    ANGLE,
-    DIFFERENCE,
-    FLOW_PARAMETERS,
-    MEASUREMENTS,
-    POSITION,
-    PRESSURE_1,
-    PRESSURE_2,
-    SPEED,
-    TIME,
-    VISCOSITY,
-    Z_DP,
-    Z_MEAN,
-    Z_P1,
-    Z_P2,
-    Z_TH,
-    Z_X,
-    Memory,
-    Records,
-)  # fmt: skip
+from estimators.eha.layout import FLOW_PARAMETERS, Memory, Records
 from estimators.eha.noise import Noise
-from estimators.eha.update import (
-    COUPLED,
-    MOVING,
-    Indices,
-    channel_variance,
-    layers_exceeded,
-    propagate,
-    update,
-)  # fmt: skip
+from estimators.eha.update import COUPLED, MOVING, Indices, channel_variance, layers_exceeded, propagate
+from estimators.eha.update import update as update_states
 from estimators.eha.walk import walk_parameters, watch_jumps
 from estimators.kernels import svsf_gain
 from estimators.linalg import Array, Mask, joseph_update, project
 
+# Rows of the measurement vector.
+Z_X, Z_TH, Z_P1, Z_P2, Z_DP, Z_MEAN = range(6)
+MEASUREMENTS = 6
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
 
 
@@ -85,18 +54,15 @@ def _start_motion(x: Array, P: Array, z: Array, p_acc: float, c: Noise) -> None:
     """Set the motion states from a measurement, with wide variances; keep the parameters."""
     for i in range(eha.P2 + 1):
         for j in range(eha.STATES):
-            P[i, j] = 0.0
-            P[j, i] = 0.0
+            P[i, j] = P[j, i] = 0.0
     x[eha.X] = z[Z_X] if not np.isnan(z[Z_X]) else 0.0
     x[eha.TH] = z[Z_TH] if not np.isnan(z[Z_TH]) else 0.0
-    x[eha.V] = 0.0
-    x[eha.W] = 0.0
+    x[eha.V] = x[eha.W] = 0.0
     drop = z[Z_DP] if not np.isnan(z[Z_DP]) else 0.0
     x[eha.P1] = z[Z_P1] if not np.isnan(z[Z_P1]) else p_acc + max(drop, 0.0)
     x[eha.P2] = z[Z_P2] if not np.isnan(z[Z_P2]) else p_acc + max(-drop, 0.0)
-    P[eha.X, eha.X] = 1.0
+    P[eha.X, eha.X] = P[eha.TH, eha.TH] = 1.0
     P[eha.V, eha.V] = 0.1**2
-    P[eha.TH, eha.TH] = 1.0
     P[eha.W, eha.W] = 0.3**2
     P[eha.P1, eha.P1] = P[eha.P2, eha.P2] = 0.3**2
 
@@ -167,22 +133,13 @@ def track(
 ) -> int:  # fmt: skip
     """Run the filter over the rows of `block`; returns the number of records written."""
     h0 = period * 1e3
-    F = np.zeros((eha.STATES, eha.STATES))
-    G = np.zeros((eha.STATES, 4))
-    scratch = np.empty((MOVING, eha.STATES))
-    work = np.empty((2, eha.STATES))
+    F, G = np.zeros((eha.STATES, eha.STATES)), np.zeros((eha.STATES, 4))
+    scratch, work = np.empty((MOVING, eha.STATES)), np.empty((2, eha.STATES))
     layer_work = np.empty((2 * MEASUREMENTS, MEASUREMENTS))
-    x_new = np.empty(eha.STATES)
-    noise = np.empty(4)
-    walks = np.empty(eha.STATES)
-    before = np.empty((2, FLOW_PARAMETERS))
-    kept = np.empty((2, 3))
-    z = np.empty(MEASUREMENTS)
-    y = np.empty(MEASUREMENTS)
-    mask = np.empty(MEASUREMENTS, dtype=np.bool_)
-    psi_k = np.empty(MEASUREMENTS)
-    r0 = np.empty(MEASUREMENTS)
-    r = np.empty(MEASUREMENTS)
+    x_new, walks, noise = np.empty(eha.STATES), np.empty(eha.STATES), np.empty(4)
+    before, kept = np.empty((2, FLOW_PARAMETERS)), np.empty((2, 3))
+    z, y, psi_k = np.empty(MEASUREMENTS), np.empty(MEASUREMENTS), np.empty(MEASUREMENTS)
+    r0, r, mask = np.empty(MEASUREMENTS), np.empty(MEASUREMENTS), np.empty(MEASUREMENTS, dtype=np.bool_)
     r0[Z_X] = (c.position * 1e3) ** 2
     r0[Z_TH] = c.angle**2
     r0[Z_P1] = r0[Z_P2] = (c.pressure * 1e-6) ** 2
@@ -195,7 +152,7 @@ def track(
     friction = eha.friction_curve(x[eha.V], q)  # always that of the present estimate
     written = 0
     for row in range(block.shape[0]):
-        time = block[row, TIME]
+        time = block[row, layout.TIME]
         # Stamps may come late, never early: the sample belongs to the last grid point before its stamp.
         steps = 0
         if memory.started > 0.0:
@@ -207,12 +164,11 @@ def track(
             if early > 0.0:
                 memory.origin -= early
         else:
-            memory.origin = time
-            memory.index = 0.0
+            memory.origin, memory.index = time, 0.0
         # The pump angle as measured, or the sum of the speed samples (each the mean over its period).
-        speed = block[row, SPEED]
+        speed = block[row, layout.SPEED]
         if has_angle:
-            z[Z_TH] = block[row, ANGLE]
+            z[Z_TH] = block[row, layout.ANGLE]
         else:
             if np.isnan(speed):
                 speed = memory.speed
@@ -220,23 +176,21 @@ def track(
                 memory.angle += period * (speed + (steps - 1) * 0.5 * (speed + memory.speed))
             memory.speed = speed
             z[Z_TH] = memory.angle
-        known_acc = not np.isnan(block[row, ACCUMULATOR])
-        if known_acc:
-            memory.accumulator_pressure = block[row, ACCUMULATOR] * 1e-6
-        known_acc = memory.accumulator_pressure == memory.accumulator_pressure
+        if not np.isnan(block[row, layout.ACCUMULATOR]):
+            memory.accumulator_pressure = block[row, layout.ACCUMULATOR] * 1e-6
+        known_acc = not np.isnan(memory.accumulator_pressure)
         p_acc = memory.accumulator_pressure if known_acc else q.accumulator_pressure
-        if not np.isnan(block[row, VISCOSITY]):
-            memory.viscosity = block[row, VISCOSITY]
+        if not np.isnan(block[row, layout.VISCOSITY]):
+            memory.viscosity = block[row, layout.VISCOSITY]
         viscosity = memory.viscosity
-        z[Z_X] = block[row, POSITION] * 1e3
-        z[Z_P1] = block[row, PRESSURE_1] * 1e-6
-        z[Z_P2] = block[row, PRESSURE_2] * 1e-6
-        z[Z_DP] = block[row, DIFFERENCE] * 1e-6
+        z[Z_X] = block[row, layout.POSITION] * 1e3
+        z[Z_P1] = block[row, layout.PRESSURE_1] * 1e-6
+        z[Z_P2] = block[row, layout.PRESSURE_2] * 1e-6
+        z[Z_DP] = block[row, layout.DIFFERENCE] * 1e-6
         z[Z_MEAN] = p_acc
         gap = z[Z_DP] - (z[Z_P1] - z[Z_P2])  # NaN without redundancy
         if has_pressures:  # their difference is not new, and the redundancy is a sensor check of its own
-            z[Z_DP] = np.nan
-            z[Z_MEAN] = np.nan
+            z[Z_DP] = z[Z_MEAN] = np.nan
 
         # Without position or angle there is no volume balance: such a row counts as missing.
         blind = np.isnan(z[Z_X]) or np.isnan(z[Z_TH])
@@ -247,44 +201,39 @@ def track(
         else:
             steps += int(memory.blind)
             memory.blind = 0.0
-        if blind:
-            pass
-        elif memory.started == 0.0:
-            _start_motion(x, P, z, p_acc, c)
-            memory.started = 1.0
-        elif steps > LONGEST_GAP:
-            _start_motion(x, P, z, p_acc, c)
-            walk_parameters(x, P, steps * h0, memory.unrest, c, rates, walks)
-            for i in range(eha.STATES):
-                P[i, i] += walks[i]
-        else:
-            span = steps * h0
-            spread = (P[eha.V, eha.V] + (1e-3 / q.moving_mass * c.force) ** 2 * 1e3 * h0) * span * span
-            trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
-            v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
-            w_at = (z[Z_TH] - x[eha.TH]) / span
-            for k in range(steps):
-                if k > 0:
-                    friction = eha.friction_curve(x[eha.V], q)
-                motion_noise(x, h0, p_acc, known_acc, q, c, noise)
-                walk_parameters(x, P, h0, memory.unrest, c, rates, walks)
-                eha.advance(x, h0, viscosity, p_acc, v_at, w_at, q, friction, COUPLED, x_new, F, G)
-                for i in range(MOVING):
-                    x[i] = x_new[i]
-                propagate(P, F, G, noise, walks, scratch)
+            if memory.started == 0.0:
+                _start_motion(x, P, z, p_acc, c)
+                memory.started = 1.0
+            elif steps > LONGEST_GAP:
+                _start_motion(x, P, z, p_acc, c)
+                walk_parameters(x, P, steps * h0, memory.unrest, c, rates, walks)
+                for i in range(eha.STATES):
+                    P[i, i] += walks[i]
+            else:
+                span = steps * h0
+                spread = (P[eha.V, eha.V] + (1e-3 / q.moving_mass * c.force) ** 2 * 1e3 * h0) * span * span
+                trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
+                v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
+                w_at = (z[Z_TH] - x[eha.TH]) / span
+                for k in range(steps):
+                    if k > 0:
+                        friction = eha.friction_curve(x[eha.V], q)
+                    motion_noise(x, h0, p_acc, known_acc, q, c, noise)
+                    walk_parameters(x, P, h0, memory.unrest, c, rates, walks)
+                    eha.advance(x, h0, viscosity, p_acc, v_at, w_at, q, friction, COUPLED, x_new, F, G)
+                    for i in range(MOVING):
+                        x[i] = x_new[i]
+                    propagate(P, F, G, noise, walks, scratch)
         measurement(x, q, z, y)
-        channels = 0
         plus[Z_MEAN] = eha.P1 if x[eha.P1] <= x[eha.P2] else eha.P2
         for i in range(MEASUREMENTS):
             mask[i] = not blind and not np.isnan(y[i])
             r[i] = r0[i]
-            if mask[i]:
-                channels += 1 if i != Z_MEAN else 0
-                if not svsf:
-                    variance = r[i] + channel_variance(P, plus[i], minus[i])
-                    excess = y[i] * y[i] / ROBUST**2 - variance
-                    if excess > 0.0:
-                        r[i] += excess
+            if mask[i] and not svsf:
+                variance = r[i] + channel_variance(P, plus[i], minus[i])
+                excess = y[i] * y[i] / corrections.ROBUST**2 - variance
+                if excess > 0.0:
+                    r[i] += excess
         for i in range(FLOW_PARAMETERS):
             before[0, i] = x[eha.LEAK + i]
             before[1, i] = P[eha.LEAK + i, eha.LEAK + i]
@@ -302,7 +251,7 @@ def track(
                     x, P, y, plus, minus, r, mask, e_post, gamma, layer, psi_k
                 )
             mask[Z_MEAN] = believed
-        nis, loglik = update(x, P, y, plus, minus, r, mask, work)
+        nis = update_states(x, P, y, plus, minus, r, mask, work)
         if switched:
             _take_motion(x, P, motion, variances)
         if svsf:
@@ -310,17 +259,15 @@ def track(
             for i in range(MEASUREMENTS):
                 if mask[i]:
                     e_post[i] = y[i]
-        if pressures_rest(x, max(steps, 1) * h0, c, memory):
-            keep_compliance(x, P, kept)
+        if corrections.pressures_rest(x, max(steps, 1) * h0, c, memory):
+            corrections.keep_compliance(x, P, kept)
         if not blind:
             friction = eha.friction_curve(x[eha.V], q)
             watch_jumps(x, P, before, max(steps, 1) * h0, c, memory)
-            compare_sensors(x, P, gap, r0[Z_DP] + 2.0 * r0[Z_P1], memory)
-            balance_forces(x, P, max(steps, 1) * h0, friction[0], q, c, memory)
-        keep_in_bounds(x, P)
+            corrections.compare_sensors(x, P, gap, r0[Z_DP] + 2.0 * r0[Z_P1], memory)
+            corrections.balance_forces(x, P, max(steps, 1) * h0, friction[0], q, c, memory)
+        corrections.keep_in_bounds(x, P)
         memory.nis += nis
-        memory.channels += channels
-        memory.log_likelihood += loglik
         memory.outside += 1.0 if switched else 0.0
         memory.count += 1.0
         if memory.count >= decimation:
@@ -330,22 +277,14 @@ def track(
                 rec.state[i] = x[i]
                 rec.variance[i] = P[i, i]
             # Against a restless load the friction curve's misfit repeats itself: count it once.
-            rec.variance[eha.FRIC] *= max(memory.unrest, 1.0) ** 2
-            rec.variance[eha.VISC] *= max(memory.unrest, 1.0) ** 2
-            rec.variance[eha.SKEW] *= max(memory.unrest, 1.0) ** 2
+            for i in (eha.FRIC, eha.VISC, eha.SKEW):
+                rec.variance[i] *= max(memory.unrest, 1.0) ** 2
             rec.nis = memory.nis / memory.count
-            rec.channels = memory.channels / memory.count
-            rec.log_likelihood = memory.log_likelihood / memory.count
             rec.outside = memory.outside / memory.count
-            rec.layer = psi_k[Z_P1] if svsf else np.nan
             rec.bulk_modulus[0] = 1e6 / eha.compliance(x[eha.P1], x[eha.AIR] + x[eha.SPLIT], q)[0]
             rec.bulk_modulus[1] = 1e6 / eha.compliance(x[eha.P2], x[eha.AIR] - x[eha.SPLIT], q)[0]
-            rec.leakage_valve[0] = P[eha.LEAK, eha.VALVE1]
-            rec.leakage_valve[1] = P[eha.LEAK, eha.VALVE2]
             rec.viscosity = viscosity
-            for i in range(FLOW_PARAMETERS):
-                rec.score[i] = memory.score[i]
             rec.unrest = memory.unrest
-            memory.nis = memory.channels = memory.log_likelihood = memory.outside = memory.count = 0.0
+            memory.nis = memory.outside = memory.count = 0.0
             written += 1
     return written

@@ -27,7 +27,7 @@ INERT  mass of the load (it acts in the mean force balance only)   kg
 ZERO   zero of the pressure difference against the chambers'       MPa
 =====  ==========================================================  ==========
 
-Which are free follows from the sensors (:func:`free_states`): without both chamber pressures the two
+Which are free follows from the sensors: without both chamber pressures the two
 bulk moduli are one (SPLIT stays 0), and without the difference beside them it has no ZERO. The friction scale
 has no direction of its own: its asymmetry is a constant load force, LOAD.
 
@@ -48,7 +48,6 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.compiled import njit, record_of
 from estimators.linalg import Array
@@ -58,12 +57,6 @@ from estimators.linalg import Array
     ZERO,
 ) = range(20)  # fmt: skip
 STATES = 20
-STATE_NAMES = (
-    "position", "velocity", "pump_angle", "pump_speed", "pressure_1", "pressure_2",
-    "leakage", "valve_1", "valve_2", "air", "air_split", "pump_gain", "friction",
-    "viscous_friction", "viscous_skew", "load_force", "load_stiffness", "load_throttle", "load_inertia",
-    "difference_zero",
-)  # fmt: skip
 
 
 class Parameters(Protocol):
@@ -96,6 +89,7 @@ PARAMETERS = record_of(Parameters)
 
 ATMOSPHERE = 0.101325  # MPa
 STICTION_VELOCITY = 3e-3  # mm/ms: width of the sign change of friction
+SLIDING_VELOCITY = 5e-3  # mm/ms below which the force balance carries no information
 COMPLIANCE_FLOOR = 0.2  # of the stiff oil's: no amount of negative air may make the oil rigid
 
 
@@ -104,7 +98,7 @@ def parameters(
     displacement: float, cross_port_leakage: float, case_leakage: float, bulk_modulus: float,
     air_fraction: float, polytropic_index: float, reference_pressure: float,
     friction_forward: tuple[float, float, float, float], friction_reverse: tuple[float, float, float, float],
-    accumulator_pressure: float, sliding_velocity: float = 5e-3, position_compliance: float = 1.0,
+    accumulator_pressure: float, position_compliance: float = 1.0,
 ) -> Parameters:  # fmt: skip
     """Pack a unit's numbers, in SI, into the model's parameters.
 
@@ -116,11 +110,6 @@ def parameters(
     friction_forward, friction_reverse : Coulomb N, static N, Stribeck velocity m/s, exponent.
     accumulator_pressure : Pa, used where it is not measured.
     position_compliance : how much more compliance changes with position than the volumes do.
-    sliding_velocity : m/s below which the force balance carries no information.
-
-    Returns
-    -------
-    A record of `PARAMETERS`.
     """
     air_compliance = air_fraction * air_curve(reference_pressure * 1e-6, polytropic_index)
     stiff = 1.0 / (bulk_modulus * 1e-6) - air_compliance
@@ -134,28 +123,9 @@ def parameters(
     q.stiff_compliance, q.polytropic_index = stiff, polytropic_index
     q.coulomb_forward, q.static_forward, q.stribeck_forward, q.exponent_forward = friction_forward
     q.coulomb_reverse, q.static_reverse, q.stribeck_reverse, q.exponent_reverse = friction_reverse
-    q.sliding_velocity, q.accumulator_pressure = sliding_velocity, accumulator_pressure * 1e-6
+    q.sliding_velocity, q.accumulator_pressure = SLIDING_VELOCITY, accumulator_pressure * 1e-6
     q.position_compliance = position_compliance
     return q
-
-
-def free_states(*, pressures: bool, difference: bool) -> NDArray[np.bool_]:
-    """Which states the sensors can tell: (STATES,), True where free.
-
-    Parameters
-    ----------
-    pressures : both chambers' pressures are measured.
-    difference : their difference is measured by a sensor of its own.
-
-    Examples
-    --------
-    >>> [STATE_NAMES[i] for i in np.flatnonzero(~free_states(pressures=False, difference=True))]
-    ['air_split', 'difference_zero']
-    """
-    free = np.ones(STATES, dtype=np.bool_)
-    free[SPLIT] = pressures
-    free[ZERO] = pressures and difference
-    return free
 
 
 @njit(error_model="numpy")
@@ -181,11 +151,8 @@ def compliance(p: float, air: float, q: Parameters) -> tuple[float, float, float
 
 @njit(error_model="numpy", _nrt=False)
 def friction_curve(v: float, q: Parameters) -> tuple[float, float, float, float]:
-    """Healthy Coulomb and Stribeck friction (N) at `v` (mm/ms).
-
-    Returns friction, its slope, the part of the slope that the change of sign makes, and
-    that part's own slope.
-    """
+    """Healthy Coulomb and Stribeck friction (N) at `v` (mm/ms), its slope, the part of the slope that the
+    change of sign makes, and that part's own slope."""
     if v >= 0.0:
         coulomb, static = q.coulomb_forward, q.static_forward
         stribeck, exponent = q.stribeck_forward, q.exponent_forward
@@ -219,11 +186,9 @@ def step(
 
     Parameters
     ----------
-    x : (20,) state. h : step, ms. viscosity : oil viscosity over the reference's.
-    p_acc : accumulator pressure, MPa. q : parameters.
+    x, h, p_acc : (20,) state; step, ms; accumulator pressure, MPa. viscosity : oil's over the reference's.
     v_at, w_at : velocity and speed over the step to linearise at; NaN for the prediction's.
-    out : (20,) the state after the step.
-    F : (20, 20) ∂out/∂x.
+    out, F : (20,) the state after the step, (20, 20) ∂out/∂x.
     G : (20, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
         volume (mm³) does to the state.
     """
@@ -242,21 +207,15 @@ def advance(
 ) -> None:  # fmt: skip
     """The part of :func:`step` that moves, up to P2; the loop over samples calls it with what it knows.
 
-    Parameters
-    ----------
-    friction : `friction_curve` at the velocity of `x`.
-    columns : how many columns of F are wanted.
-    out, F, G : as in `step`. Only rows up to P2 are written, of F in the first `columns` alone, and of G
-        only what is ever more than zero.
+    With `friction_curve` at the velocity of `x`. Only rows up to P2 are written, of F in the first `columns`
+    alone, and of G only what is ever more than zero.
     """
     area1, area2, mu = q.area_1, q.area_2, 1e-3 / q.moving_mass
     v, p1, p2 = x[V], x[P1], x[P2]
     pump = q.displacement * (1.0 + x[GAIN])
     # Until the end the rows of F hold derivatives of the parts that these rows are made of.
     dv, da1, da2 = F[V], F[P1], F[P2]
-    dv[:] = 0.0
-    da1[:] = 0.0
-    da2[:] = 0.0
+    dv[:] = da1[:] = da2[:] = 0.0
 
     # Chamber stiffness i = β/V and its logarithmic derivatives (to position, pressure, air).
     b1, b1_p, b1_air = compliance(p1, x[AIR] + x[SPLIT], q)

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 
 from estimators.eha import model as eha
-from estimators.eha.layout import MEASUREMENTS, MEMORY, RECORD, Records
-from estimators.eha.loop import track
+from estimators.eha.layout import MEMORY, RECORD, Records
+from estimators.eha.loop import MEASUREMENTS, track
 from estimators.eha.noise import Noise
 from estimators.eha.walk import WALKING, walk_rates
 from estimators.linalg import Array
@@ -40,11 +40,6 @@ class EhaTracker:
     decimation : samples per record.
     gamma, layer : SVSF memory, and limit of the boundary layer in innovation sigmas: 1.5 times the
         99.9 % quantile of the optimal layer on healthy simulated duties and loads.
-
-    Examples
-    --------
-    >>> tracker = EhaTracker(model, method="svsf")            # doctest: +SKIP
-    >>> records = tracker.push(block)                         # doctest: +SKIP
     """
 
     def __init__(
@@ -64,9 +59,8 @@ class EhaTracker:
         self.x[[eha.LEAK, eha.FRIC]] = 1.0
         self.x[eha.AIR] = air_fraction * 1e3
         self.x[eha.VISC], self.x[eha.SKEW] = viscous_friction, viscous_skew
-        free = eha.free_states(pressures=pressures, difference=difference)
-        c.initial_air_split *= free[eha.SPLIT]
-        c.initial_zero *= free[eha.ZERO]
+        c.initial_air_split *= pressures
+        c.initial_zero *= pressures and difference
         spread = np.zeros(eha.STATES)
         for state, name, unit in WALKING:
             spread[state] = getattr(c, f"initial_{name}") * unit
@@ -78,9 +72,6 @@ class EhaTracker:
         self._memory["accumulator_pressure"] = np.nan
         self._memory["viscosity"] = self._memory["unrest"] = 1.0
         self._e_post = np.zeros(MEASUREMENTS)
-
-    def __repr__(self) -> str:
-        return f"EhaTracker(method={self.method!r}, period={self.period}, pressures={self.pressures})"
 
     def push(self, block: Array) -> Records:
         """Process the rows of a block.
@@ -112,7 +103,4 @@ class EhaTracker:
     def restore(self, state: dict[str, Array]) -> None:
         """Take a state back that `state` gave."""
         for name, mine in self._changing().items():
-            saved = np.asarray(state[name], dtype=np.float64)
-            if saved.shape != mine.shape:
-                raise ValueError(f"{name}: shape {saved.shape} where {mine.shape} is wanted")
-            mine[...] = saved
+            mine[...] = state[name]

@@ -41,21 +41,16 @@ COUPLED = eha.FRIC
 # Columns worked on: up to a multiple of four, which saves the loops over remainders. Those beyond
 # COUPLED hold zeros, of the other block, and stay zero.
 _SPARE = eha.STATES - min(-(-COUPLED // 4) * 4, eha.STATES)
-LOG_2PI = math.log(2.0 * math.pi)
 
 
 @njit(error_model="numpy", _nrt=False)
 def propagate(P: Array, F: Array, G: Array, noise: Array, Q_diag: Array, scratch: Array) -> None:
     """``P = F P F' + G diag(noise) G' + diag(Q_diag)`` in place, in the block of coupled states.
 
-    Parameters
-    ----------
-    P : (STATES, STATES), with zeros between coupled and other states.
-    F : (STATES, STATES), of which the first `MOVING` rows and `COUPLED` columns are read: the
-        other rows are the identity's, and the effect of the other states is left out.
-    G, noise : (STATES, 4), (4,) effect and variances of the noise on the moving states.
-    Q_diag : (STATES,) variances added to all states.
-    scratch : (MOVING, STATES) overwritten.
+    `P` and `F` (STATES, STATES): of F the first `MOVING` rows and `COUPLED` columns are read, its other rows
+    are the identity's, and P has zeros between coupled and other states. `G` (STATES, 4) and `noise` (4,)
+    are effect and variances of the noise on the moving states, `Q_diag` (STATES,) is added to all; `scratch`
+    (MOVING, STATES).
     """
     # Not a constant: LLVM turns loops of known length into scalar code, others into vector code.
     width = P.shape[0] - _SPARE
@@ -94,16 +89,9 @@ def channel_variance(P: Array, plus: int, minus: int) -> float:
 
 @njit(error_model="numpy", _nrt=False)
 def selected_update(P: Array, plus: int, minus: int, r: float, u: Array) -> float:
-    """Let a channel of variance `r` shrink `P`, in place; see the module's notes.
+    """Let a channel of variance `r` > 0 shrink `P`, in place; see the module's notes.
 
-    Parameters
-    ----------
-    P : (STATES, STATES). plus, minus : the states it measures, as in `channel_variance`.
-    r : > 0. u : (STATES,) filled with ``P h' / √s``, so that the gain is ``u / √s``.
-
-    Returns
-    -------
-    ``s = h P h' + r``.
+    Fills `u` (STATES,) with ``P h' / √s``, so that the gain is ``u / √s``, and gives ``s = h P h' + r``.
     """
     width = P.shape[0] - _SPARE
     if minus < 0:
@@ -141,24 +129,18 @@ def selected_update(P: Array, plus: int, minus: int, r: float, u: Array) -> floa
 @njit(error_model="numpy", _nrt=False)
 def update(
     x: Array, P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, work: Array
-) -> tuple[float, float]:
-    """Kalman update of the coupled states, one channel after the other, in place.
+) -> float:
+    """Kalman update of the coupled states, one channel after the other, in place; gives the normalised
+    innovation squared, as of `estimators.kernels.kalman_update_correlated`.
 
-    Parameters
-    ----------
-    x, P : (STATES,), (STATES, STATES). y, r, mask : (m,) innovations at the prior, variances, used or not.
-    plus, minus : (m,) the states that each channel measures, as in `channel_variance`.
-    work : (2, STATES) overwritten.
-
-    Returns
-    -------
-    As of `estimators.kernels.kalman_update_correlated`: NIS, and the logarithm of the likelihood.
+    `y`, `r`, `mask` (m,): innovations at the prior, variances, used or not. `plus`, `minus` (m,): the states
+    that each channel measures, as in `channel_variance`. `work` (2, STATES) is overwritten.
     """
     width = P.shape[0] - _SPARE
     shift, u = work[0], work[1]
     for j in range(width):
         shift[j] = 0.0
-    nis, log_likelihood, determinant, used = 0.0, 0.0, 1.0, 0
+    nis = 0.0
     for c in range(y.shape[0]):
         if not mask[c]:
             continue
@@ -170,13 +152,9 @@ def update(
         for j in range(width):
             shift[j] += e * u[j]
         nis += e * e
-        determinant *= s
-        used += 1
-    if used > 0:
-        log_likelihood = -0.5 * (used * LOG_2PI + math.log(determinant) + nis)
     for i in range(COUPLED):
         x[i] += shift[i]
-    return nis, log_likelihood
+    return nis
 
 
 @njit(error_model="numpy", _nrt=False)
@@ -190,11 +168,9 @@ def optimal_layers(
     doi 10.1115/1.4006628). With independent channels ``S (H P H')⁻¹ = I + R (H P H')⁻¹``, so
     only the diagonal of that inverse is needed: the squared columns of the inverse Cholesky factor.
 
-    Parameters
-    ----------
-    P, y, plus, minus, r, mask : as in `update`. e_post : (m,) posterior errors of the step before.
-    gamma : memory. tie_break : share of `r` added to ``H P H'``, for channels that measure the same.
-    psi_k : (m,) filled; NaN where masked. work : (2 m, m) overwritten.
+    Other arguments are as in `update`; `e_post` (m,) are the posterior errors of the step before, `gamma`
+    the memory, `tie_break` the share of `r` that is added to ``H P H'`` for channels that measure the same.
+    Fills `psi_k` (m,), NaN where masked; `work` (2 m, m) is overwritten.
     """
     m = y.shape[0]
     L, inverse = work[:m], work[m:]
@@ -253,16 +229,11 @@ def layers_exceeded(
 ) -> bool:  # fmt: skip
     """Whether an optimal boundary layer is beyond its limit: `layer` standard deviations of innovation.
 
-    Inside the limit the SVSF's gain is the Kalman gain, and nothing else need be computed.
-    Parameters as in `optimal_layers`; where even the tie-break leaves no solution, the layers
-    are infinite and the Kalman gain holds.
+    Parameters as in `optimal_layers`. Inside the limit the SVSF's gain is the Kalman gain, which also holds
+    where even the tie-break leaves no solution.
     """
     solvable = optimal_layers(P, y, plus, minus, r, mask, e_post, gamma, 0.0, psi_k, work)
-    if not solvable:
-        solvable = optimal_layers(P, y, plus, minus, r, mask, e_post, gamma, TIE_BREAK, psi_k, work)
-    if not solvable:
-        for c in range(y.shape[0]):
-            psi_k[c] = np.inf if mask[c] else np.nan
+    if not solvable and not optimal_layers(P, y, plus, minus, r, mask, e_post, gamma, TIE_BREAK, psi_k, work):
         return False
     for c in range(y.shape[0]):
         if mask[c]:

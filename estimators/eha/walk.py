@@ -40,7 +40,6 @@ SCORE_WINDOW = 250.0  # ms: an alarm that early, and long against the hydraulics
 LONG_WINDOWS = 8  # of the above: drifts of some seconds show here first
 MOST_STREAK = 5  # doublings of the step: a valve torn open is a hundred healthy leakages
 
-
 WALKING = (
     (eha.LEAK, "leakage", 1.0), (eha.AIR, "air", 1e3), (eha.SPLIT, "air_split", 1e3), (eha.GAIN, "gain", 1.0),
     (eha.FRIC, "friction", 1.0), (eha.VISC, "viscous_friction", 1.0), (eha.SKEW, "viscous_skew", 1.0),
@@ -55,10 +54,6 @@ def walk_rates(c: Noise) -> Array:
 
     Variances that the walks add per second, and the inverses of the initial ones; both are zero
     where a state is fixed or walks without that limit.
-
-    Raises
-    ------
-    ValueError : the valves have no initial spread to be drawn back to.
     """
     if not c.initial_valve > 0.0:
         raise ValueError("initial_valve must be above zero")
@@ -75,11 +70,8 @@ def walk_rates(c: Noise) -> Array:
 
 @njit(error_model="numpy", _nrt=False)
 def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Noise, rates: Array, diag: Array) -> None:
-    """Draw the valves back in `x` and `P`, and fill `diag` with the variances that `h` ms add.
-
-    `unrest` is how much more than expected the load moves, see `balance_forces`; `rates` are those
-    of `walk_rates`.
-    """
+    """Draw the valves back in `x` and `P`, and fill `diag` with the variances that `h` ms add. `unrest` is
+    how much more than expected the load moves, see `balance_forces`; `rates` are those of `walk_rates`."""
     seconds = 1e-3 * h
     third = 1.0 / (3.0 * c.initial_valve)
     pull = 4.5 * third * third * seconds * rates[0, eha.VALVE1]
@@ -120,14 +112,17 @@ def walk_parameters(x: Array, P: Array, h: float, unrest: float, c: Noise, rates
 
 
 @njit(error_model="numpy", _nrt=False)
+def _beyond(shift: float, gained: float) -> bool:
+    """Whether a score is beyond its limit."""
+    return gained > 0.0 and abs(shift / np.sqrt(gained)) > JUMP_SIGMAS
+
+
+@njit(error_model="numpy", _nrt=False)
 def watch_jumps(x: Array, P: Array, before: Array, h: float, c: Noise, memory: Memory) -> None:
     """Add an update to the scores and, where one passes its limit, set the flow parameters free.
 
-    Parameters
-    ----------
-    x, P : posterior; P is widened in place after a jump.
-    before : (2, FLOW_PARAMETERS) the flow parameters and their variances before the update.
-    h : ms since the last sample. c, memory : noise and memory of the tracker.
+    The posterior `P` is then widened in place. `before` (2, FLOW_PARAMETERS) has the flow parameters and
+    their variances before the update, `h` is ms since the last sample.
     """
     for i in range(FLOW_PARAMETERS):
         memory.shift[i] += x[eha.LEAK + i] - before[0, i]
@@ -137,21 +132,16 @@ def watch_jumps(x: Array, P: Array, before: Array, h: float, c: Noise, memory: M
         return
     memory.score_span = 0.0
     memory.windows += 1.0
-    jumped = False
+    jumped, long = False, memory.windows >= LONG_WINDOWS
     for i in range(FLOW_PARAMETERS):
         memory.shift_long[i] += memory.shift[i]
         memory.gained_long[i] += memory.gained[i]
-        memory.score[i] = 0.0
-        if memory.gained[i] > 0.0:
-            memory.score[i] = memory.shift[i] / np.sqrt(memory.gained[i])
-        jumped = jumped or abs(memory.score[i]) > JUMP_SIGMAS
+        jumped = jumped or _beyond(memory.shift[i], memory.gained[i])
+        jumped = jumped or (long and _beyond(memory.shift_long[i], memory.gained_long[i]))
         memory.shift[i] = memory.gained[i] = 0.0
-    if memory.windows >= LONG_WINDOWS:
+    if long or jumped:
         memory.windows = 0.0
         for i in range(FLOW_PARAMETERS):
-            if memory.gained_long[i] > 0.0:
-                score = memory.shift_long[i] / np.sqrt(memory.gained_long[i])
-                jumped = jumped or abs(score) > JUMP_SIGMAS
             memory.shift_long[i] = memory.gained_long[i] = 0.0
     if not jumped:
         memory.streak = 0.0
@@ -165,23 +155,13 @@ def watch_jumps(x: Array, P: Array, before: Array, h: float, c: Noise, memory: M
     # Before the alarm the split and the pump's gain took up part of what happened.
     P[eha.SPLIT, eha.SPLIT] += (c.initial_air_split * 1e3 * size) ** 2
     P[eha.GAIN, eha.GAIN] += (c.initial_gain * size) ** 2
-    memory.windows = 0.0
-    for i in range(FLOW_PARAMETERS):
-        memory.shift_long[i] = memory.gained_long[i] = 0.0
 
 
 def drifts(records: layout.Records, noise: Noise, scales: dict[int, Array]) -> dict[int, Drift]:
     """Walks of leakage, air and friction at each record by `walk_parameters`' laws, for an `Observability`.
 
-    Parameters
-    ----------
-    records : (n,) `RECORD` of the tracker. noise : the tracker's.
-    scales : state (`eha.LEAK`, `eha.AIR`, `eha.FRIC` or `eha.VISC`) to (n,) what one of it is in the unit of
-        the quantity that is watched.
-
-    Returns
-    -------
-    State to its drift, in the quantity's unit.
+    Of the (n,) `records` and the `noise` of a tracker. `scales` and what is given go by state (`eha.LEAK`,
+    `eha.AIR`, `eha.FRIC` or `eha.VISC`): (n,) what one of it is in the unit of the quantity that is watched.
 
     Examples
     --------

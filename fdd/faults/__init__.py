@@ -19,7 +19,7 @@ from fdd.packages import FAULTS, additions, left_out
 
 __all__ = [
     "ADDED_BY", "CATALOGUE", "FAMILIES", "PROFILES", "Amount", "Columns", "Effect", "Fault", "Figure",
-    "Healthy", "Signature", "fault", "faults_of", "unusable",
+    "Healthy", "Signature", "fault", "unusable",
 ]  # fmt: skip
 
 
@@ -91,12 +91,6 @@ def fault(name: str) -> Fault:
     ------
     InputError : unknown id; the line lists the known ones.
     """
-    found = CATALOGUE.get(name)
-    if found is None:
+    if name not in CATALOGUE:
         raise InputError(f"unknown fault {name!r}", mend=f"the catalogue has: {', '.join(CATALOGUE)}")
-    return found
-
-
-def faults_of(family: str) -> tuple[str, ...]:
-    """Ids of a family's faults, in the catalogue's order."""
-    return tuple(f.id for f in CATALOGUE.values() if f.family == family)
+    return CATALOGUE[name]

@@ -3,11 +3,7 @@
 from fdd.faults.entry import Effect, Fault, Figure, Signature
 
 FAULT = Fault(
-    id="aeration",
-    family="aeration",
-    rank=1,
-    title="air in the oil",
-    thesis="4.6.3, 5.4",
+    id="aeration", family="aeration", rank=1, title="air in the oil", thesis="4.6.3, 5.4",
     plant="entrained air: the effective bulk modulus falls, most at low pressure",
     severity="2.5 % more free air (volume at atmospheric pressure over volume of oil)",
     source="eqs 5.20 and 5.21: halves to thirds the bulk modulus at charge pressure",
@@ -35,16 +31,12 @@ FAULT = Fault(
             commonness=1 / 2,
         ),
         Signature(
-            "air 1",
-            lambda unit: {"volume": {"air": 0.5, "air_sides": 0.5}},
-            law="chamber_1",
+            "air 1", lambda unit: {"volume": {"air": 0.5, "air_sides": 0.5}}, law="chamber_1",
             commonness=1 / 4,
         ),
         Signature(
-            "air 2",
-            lambda unit: {"volume": {"air": 0.5, "air_sides": -0.5}},
-            law="chamber_2",
+            "air 2", lambda unit: {"volume": {"air": 0.5, "air_sides": -0.5}}, law="chamber_2",
             commonness=1 / 4,
         ),
     ),
-)
+)  # fmt: skip

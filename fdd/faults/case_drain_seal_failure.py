@@ -3,10 +3,7 @@
 from fdd.faults.entry import ASSUMED, LEAKAGE, Amount, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
-    id="case_drain_seal_failure",
-    family="leakage",
-    rank=4,
-    title="case drain seal failure",
+    id="case_drain_seal_failure", family="leakage", rank=4, title="case drain seal failure",
     thesis="Table 4.1",
     plant="case drain flow into the accumulator, its pressure rises",
     severity="case leakage of each port +24e-12 m³/(s·Pa), or twice that of one port",
@@ -27,16 +24,12 @@ FAULT = Fault(
     signatures=(
         Signature("case", lambda unit: {"volume": {"case": 2.0 * unit.leakage_ratio}}, commonness=0.25),
         Signature(
-            "case 1",
-            lambda unit: {"volume": {"outside_1": 4.0 * unit.leakage_ratio}},
-            law="one",
+            "case 1", lambda unit: {"volume": {"outside_1": 4.0 * unit.leakage_ratio}}, law="one",
             commonness=0.125,
         ),
         Signature(
-            "case 2",
-            lambda unit: {"volume": {"outside_2": 4.0 * unit.leakage_ratio}},
-            law="one",
+            "case 2", lambda unit: {"volume": {"outside_2": 4.0 * unit.leakage_ratio}}, law="one",
             commonness=0.125,
         ),
     ),
-)
+)  # fmt: skip

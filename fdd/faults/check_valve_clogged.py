@@ -14,11 +14,7 @@ def _columns(side: int, unit: Healthy) -> Columns:
 
 
 FAULT = Fault(
-    id="check_valve_clogged",
-    family="check_valve",
-    rank=2,
-    title="check valve clogged",
-    thesis="Table 4.1",
+    id="check_valve_clogged", family="check_valve", rank=2, title="check valve clogged", thesis="Table 4.1",
     plant="no refeeding: the low side cavitates",
     severity="refeeding flow gain of that side's check valve falls by powers of ten, to 0.01 %",
     source="assumption: these valves are so wide that half or a tenth of their flow gain is still plenty",
@@ -42,4 +38,4 @@ FAULT = Fault(
         Effect("refeed_{side}", "lower", 1.0, laws=("starved",)),
     ),
     signatures=tuple(Signature(f"clogged {side}", partial(_columns, side), side=side) for side in (1, 2)),
-)
+)  # fmt: skip

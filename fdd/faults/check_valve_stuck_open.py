@@ -3,10 +3,7 @@
 from fdd.faults.entry import ORIFICE_FLOW, Amount, Effect, Fault, Figure, Signature, each_side
 
 FAULT = Fault(
-    id="check_valve_stuck_open",
-    family="check_valve",
-    rank=1,
-    title="check valve stuck open",
+    id="check_valve_stuck_open", family="check_valve", rank=1, title="check valve stuck open",
     thesis="Table 4.1",
     plant="one chamber stays connected to the inner circuit and cannot build pressure",
     severity="passes 1e-4 m³/s at 1 MPa backwards (orifice)",
@@ -33,4 +30,4 @@ FAULT = Fault(
         Signature("valve 1", lambda unit: {"volume": {"valve_1": 1.0}}, side=1),
         Signature("valve 2", lambda unit: {"volume": {"valve_2": 1.0}}, side=2),
     ),
-)
+)  # fmt: skip

@@ -3,11 +3,7 @@
 from fdd.faults.entry import ASSUMED, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
-    id="coupling_wear",
-    family="motor",
-    rank=3,
-    title="coupling wear",
-    thesis="Table 4.1",
+    id="coupling_wear", family="motor", rank=3, title="coupling wear", thesis="Table 4.1",
     plant="torsional play, vibration at shaft frequency",
     severity="2 degrees of play, pump speed swings by 2 % once a turn",
     source=ASSUMED,
@@ -29,4 +25,4 @@ FAULT = Fault(
         Signature("line once a turn", lambda unit: {"shaft": {"order_1": 0.1}}),
         Signature("line twice a turn", lambda unit: {"shaft": {"order_2": 0.1}}),
     ),
-)
+)  # fmt: skip

@@ -16,11 +16,7 @@ def _open_phase(unit: Healthy) -> Columns:
 
 
 FAULT = Fault(
-    id="drive_failure",
-    family="motor",
-    rank=2,
-    title="drive failure",
-    thesis="Table 4.1",
+    id="drive_failure", family="motor", rank=2, title="drive failure", thesis="Table 4.1",
     plant="the drive does not follow its command: open phase, no supply, tripped",
     severity="the current limit falls by 100 %: no current at all; by the law of the phase: one of three "
     "phases open, current limit -50 %",
@@ -41,4 +37,4 @@ FAULT = Fault(
         Signature("dead drive", _dead),
         Signature("open phase", _open_phase, commonness=0.3),
     ),
-)
+)  # fmt: skip

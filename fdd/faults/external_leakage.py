@@ -29,11 +29,7 @@ def _hole(side: int, unit: Healthy) -> Columns:
 
 
 FAULT = Fault(
-    id="external_leakage",
-    family="leakage",
-    rank=2,
-    title="external leakage",
-    thesis="Table 4.1, 4.6.2",
+    id="external_leakage", family="leakage", rank=2, title="external leakage", thesis="Table 4.1, 4.6.2",
     plant="flow from one chamber to the outside; the accumulator drains",
     severity="6e-12 m³/(s·Pa) from one chamber to the outside",
     amounts=(Amount(6, "e-12 m³/(s·Pa)", "fault_leakage"),),
@@ -46,10 +42,7 @@ FAULT = Fault(
     effects=each_side(
         Effect("outside_{side}", "add", "external_leakage", laws=("laminar",)),
         Effect(
-            "outside_orifice_{side}",
-            "add",
-            "external_leakage",
-            roots=("leakage_pressure", 1e6),
+            "outside_orifice_{side}", "add", "external_leakage", roots=("leakage_pressure", 1e6),
             laws=("orifice",),
         ),
         Effect(
@@ -67,4 +60,4 @@ FAULT = Fault(
             for side in (1, 2)
         ),
     ),
-)
+)  # fmt: skip

@@ -3,11 +3,7 @@
 from fdd.faults.entry import LEAKAGE, SHARE, Amount, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
-    id="internal_leakage",
-    family="leakage",
-    rank=1,
-    title="internal leakage",
-    thesis="4.6.8",
+    id="internal_leakage", family="leakage", rank=1, title="internal leakage", thesis="4.6.8",
     plant="more flow across the ports, laminar plus orifice",
     severity="cross-port leakage +12e-12 m³/(s·Pa) at 1 MPa, a tenth of it through an orifice",
     amounts=(Amount(12, "e-12 m³/(s·Pa)", "fault_leakage"),),
@@ -29,10 +25,7 @@ FAULT = Fault(
             "internal_leakage_orifice_share", 0.1, SHARE, "turbulent part of that flow at 1 MPa", (0.0, 0.25)
         ),
         Figure(
-            "leakage_pressure",
-            1e6,
-            (1e3, 1e8),
-            "Pa at which a leak's flow is that of any law",
+            "leakage_pressure", 1e6, (1e3, 1e8), "Pa at which a leak's flow is that of any law",
             grows="pressure",
         ),
     ),
@@ -42,10 +35,7 @@ FAULT = Fault(
         ),
         # An orifice is given by its flow at 1 MPa.
         Effect(
-            "cross_orifice",
-            "add",
-            "internal_leakage",
-            times=("internal_leakage_orifice_share", 1e6),
+            "cross_orifice", "add", "internal_leakage", times=("internal_leakage_orifice_share", 1e6),
             laws=("mixed",),
         ),
         Effect("cross_leakage", "add", "internal_leakage", laws=("laminar",)),
@@ -59,10 +49,8 @@ FAULT = Fault(
     signatures=(
         Signature("internal leakage", lambda unit: {"volume": {"leak": unit.leakage_ratio}}, commonness=0.8),
         Signature(
-            "internal orifice",
-            lambda unit: {"volume": {"relief_12": 0.12, "relief_21": 0.12}},
-            law="orifice",
-            commonness=0.2,
+            "internal orifice", lambda unit: {"volume": {"relief_12": 0.12, "relief_21": 0.12}},
+            law="orifice", commonness=0.2,
         ),
     ),
-)
+)  # fmt: skip

@@ -14,11 +14,7 @@ def _columns(unit: Healthy) -> Columns:
 
 
 FAULT = Fault(
-    id="motor_degradation",
-    family="motor",
-    rank=1,
-    title="motor degradation",
-    thesis="Table 4.1",
+    id="motor_degradation", family="motor", rank=1, title="motor degradation", thesis="Table 4.1",
     plant="torque constant down, winding resistance up, current limit down",
     severity="torque constant -30 %, winding resistance +50 %, current limit -20 %",
     source=ASSUMED,
@@ -50,4 +46,4 @@ FAULT = Fault(
         Effect("phase", "add", "torque_loss", times=(2.0,), laws=("phase",)),
     ),
     signatures=(Signature("motor", _columns),),
-)
+)  # fmt: skip

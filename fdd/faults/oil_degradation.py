@@ -18,11 +18,7 @@ def _columns(ratio: float, unit: Healthy) -> Columns:
 
 
 FAULT = Fault(
-    id="oil_degradation",
-    family="friction",
-    rank=1,
-    title="oil degradation",
-    thesis="Table 4.1",
+    id="oil_degradation", family="friction", rank=1, title="oil degradation", thesis="Table 4.1",
     plant="viscous friction and leakage change with viscosity",
     severity="thin: viscosity falls to 50 %; thick: it rises to 200 %; wet: a percent of emulsified water, "
     "whose vapour pressure is 25 times the oil's, and viscosity to 140 %",
@@ -47,4 +43,4 @@ FAULT = Fault(
         Signature(variant, partial(_columns, ratio), variant=variant, commonness=0.1)
         for variant, ratio in _VISCOSITY.items()
     ),
-)
+)  # fmt: skip

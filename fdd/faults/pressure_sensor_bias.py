@@ -6,11 +6,7 @@ _BIAS = 0.073
 """Of the relief setting: 250 kPa of 3.44 MPa."""
 
 FAULT = Fault(
-    id="pressure_sensor_bias",
-    family="sensor",
-    rank=1,
-    title="pressure sensor bias",
-    thesis="Appendix A",
+    id="pressure_sensor_bias", family="sensor", rank=1, title="pressure sensor bias", thesis="Appendix A",
     plant="a constant added to the pressure measured; or its gain is off, or it shows hysteresis",
     severity="250 kPa on the differential pressure; by the law of gain: 7.3 % of the reading, which is as "
     "much at the relief pressure; by hysteresis: 250 kPa too little as it rises, too much as it falls",
@@ -32,4 +28,4 @@ FAULT = Fault(
     ),
     in_measurement=True,
     signatures=zero_signatures("bias", _BIAS, "step"),
-)
+)  # fmt: skip

@@ -3,11 +3,7 @@
 from fdd.faults.entry import Amount, Fault, Figure, zero_signatures
 
 FAULT = Fault(
-    id="pressure_sensor_drift",
-    family="sensor",
-    rank=2,
-    title="pressure sensor drift",
-    thesis="Appendix A",
+    id="pressure_sensor_drift", family="sensor", rank=2, title="pressure sensor drift", thesis="Appendix A",
     plant="a ramp, or another course that grows, is added to the pressure measured",
     severity="5 kPa/s on the differential pressure, 250 kPa within 50 s; by the other laws as much by then: "
     "the root's 35 kPa after 1 s, the walk's rms, 95 % of where it settles",
@@ -32,4 +28,4 @@ FAULT = Fault(
     in_measurement=True,
     # Severity 1 reaches the bias of severity 1 within 50 s: the drift's course is that time's unit.
     signatures=zero_signatures("drift", 0.073, "drift"),  # over the relief pressure
-)
+)  # fmt: skip

@@ -7,11 +7,7 @@ _WORN_OUT = 0.1
 """Assumption: share of its flow at no pressure that a pump has lost when it is done for."""
 
 FAULT = Fault(
-    id="pump_wear",
-    family="leakage",
-    rank=3,
-    title="pump gear wear",
-    thesis="Table 4.1",
+    id="pump_wear", family="leakage", rank=3, title="pump gear wear", thesis="Table 4.1",
     plant="volumetric loss that grows with pressure and speed, more flow ripple",
     severity="cross-port leakage +12e-12 m³/(s·Pa) at 100 rad/s, displacement -2 %, flow ripple +5 %; "
     "or a tenth of the displacement, where what is lost goes by speed alone; or that leakage at any speed",
@@ -28,10 +24,7 @@ FAULT = Fault(
     figures=(
         # In proportion to speed.
         Figure(
-            "pump_wear_leakage",
-            12e-12,
-            LEAKAGE,
-            "m³/(s·Pa) across the ports at 100 rad/s",
+            "pump_wear_leakage", 12e-12, LEAKAGE, "m³/(s·Pa) across the ports at 100 rad/s",
             grows="speed_leakage",
         ),
         Figure("pump_wear_displacement_loss", _LOSS, (0.0, 0.5), "share of the displacement", (0.0, 0.04)),
@@ -58,16 +51,13 @@ FAULT = Fault(
             commonness=0.5,
         ),
         Signature(
-            "worn displacement",
-            lambda unit: {"volume": {"gain": _WORN_OUT}},
-            law="displacement",
+            "worn displacement", lambda unit: {"volume": {"gain": _WORN_OUT}}, law="displacement",
             commonness=0.25,
         ),
         Signature(
             "worn gap",
             lambda unit: {"volume": {"leak": 0.7 * unit.leakage_ratio, "case": 0.3 * unit.leakage_ratio}},
-            law="gap",
-            commonness=0.25,
+            law="gap", commonness=0.25,
         ),
     ),
-)
+)  # fmt: skip

@@ -3,10 +3,7 @@
 from fdd.faults.entry import ASSUMED, ORIFICE_FLOW, Amount, Effect, Fault, Figure, Signature
 
 FAULT = Fault(
-    id="relief_valve_stuck_open",
-    family="relief_valve",
-    rank=1,
-    title="relief valve stuck open",
+    id="relief_valve_stuck_open", family="relief_valve", rank=1, title="relief valve stuck open",
     thesis="Table 4.1",
     plant="flow over the relief valve far below its setting",
     severity="passes 1e-4 m³/s at 1 MPa from the chamber of higher pressure to the other (orifice)",
@@ -32,4 +29,4 @@ FAULT = Fault(
         Signature("relief_12", lambda unit: {"volume": {"relief_12": 1.0}}, commonness=0.15),
         Signature("relief_21", lambda unit: {"volume": {"relief_21": 1.0}}, commonness=0.15),
     ),
-)
+)  # fmt: skip

@@ -4,10 +4,7 @@ from fdd.faults.entry import ASSUMED, SHARE, Effect, Fault, Figure
 
 # No balance shows it below the setting, where it is sound oil's way that is missing: no signature.
 FAULT = Fault(
-    id="relief_valve_stuck_shut",
-    family="relief_valve",
-    rank=2,
-    title="relief valve stuck shut",
+    id="relief_valve_stuck_shut", family="relief_valve", rank=2, title="relief valve stuck shut",
     thesis="Table 4.1",
     plant="no flow at or above its setting",
     severity="99 % of its flow beyond the setting is gone; by the law of the setting: it opens at three "
@@ -24,4 +21,4 @@ FAULT = Fault(
         Effect("relief_gain", "lower", "relief_flow_loss", laws=("shut",)),
         Effect("relief_setting", "raise", "relief_setting_gain", laws=("setting",)),
     ),
-)
+)  # fmt: skip

@@ -51,11 +51,7 @@ def _columns(kind: str, lips: tuple[str, ...], leak: float, unit: Healthy) -> Co
 
 
 FAULT = Fault(
-    id="seal_wear",
-    family="seal_wear",
-    rank=1,
-    title="actuator seal wear",
-    thesis="Table 4.1",
+    id="seal_wear", family="seal_wear", rank=1, title="actuator seal wear", thesis="Table 4.1",
     plant="the friction curve is scaled per direction; some rod leakage",
     severity="loose: friction falls to 35 %, each rod leaks 1e-14 m³/(s·Pa); tight: friction rises to 200 %; "
     "loose_forward: loose, friction of extension only; loose_reverse: of retraction only; "
@@ -87,12 +83,10 @@ FAULT = Fault(
     ),
     signatures=tuple(  # one part's weight, shared by the six ways in which it wears
         Signature(
-            variant.replace("_", " ") + (" leaking" if leak else ""),
-            partial(_columns, kind, lips, leak),
-            variant=variant,
-            commonness=weight,
+            variant.replace("_", " ") + (" leaking" if leak else ""), partial(_columns, kind, lips, leak),
+            variant=variant, commonness=weight,
         )
         for kind, leak, weight in (("loose", 0.0, 1 / 12), ("loose", _LEAK, 1 / 12), ("tight", 0.0, 1 / 6))
         for variant, lips in ((kind, _LIPS), *((kind + lip, (lip,)) for lip in _LIPS))
     ),
-)
+)  # fmt: skip

@@ -5,11 +5,7 @@ from fdd.faults.entry import ASSUMED, Amount, Fault, Figure
 _PRESSURE = (0.0, 1e8)
 
 FAULT = Fault(
-    id="sensor_dropout",
-    family="sensor",
-    rank=4,
-    title="sensor dropout",
-    thesis="Appendix A",
+    id="sensor_dropout", family="sensor", rank=4, title="sensor dropout", thesis="Appendix A",
     plant="a loose contact: a channel is missing, held, or reads a broken current loop, in bursts; or a "
     "channel is noisy, sticks, saturates or comes late",
     severity="the channel is lost all the time; 0.3: for 30 % of it, in bursts of about 0.1 s; "

@@ -3,11 +3,7 @@
 from fdd.faults.entry import Effect, Fault, Figure
 
 FAULT = Fault(
-    id="shaft_seal_wear",
-    family="leakage",
-    rank=5,
-    title="pump shaft seal wear",
-    thesis="Table 4.1",
+    id="shaft_seal_wear", family="leakage", rank=5, title="pump shaft seal wear", thesis="Table 4.1",
     plant="slow loss from the case drain to the outside",
     severity="1 cm³/min from the case drain to the outside, at 487 kPa in the case",
     source="assumption: a steady drip, which empties an accumulator of 140 cm³ of oil within hours",
@@ -34,4 +30,4 @@ FAULT = Fault(
             ("shaft_speed", (0.75e-2,), "running"),  # the other three quarters at 100 rad/s
         )
     ),
-)
+)  # fmt: skip

@@ -8,22 +8,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from fdd.errors import InputError
+from fdd.plant import Array
 from fdd.plant import conditions as c
 from fdd.plant.programme import SHUT, ShareProgramme
 from fdd.plant.validated import Validated
 from fdd.unit import Unit
 
-Array = NDArray[np.float64]
-
-HIGHEST_GAS_CHARGE = 9.30e6
-"""Pa, gauge: most that the external accumulators are to be charged to (4.6.3)."""
-CIRCUIT_RELIEF = 9.65e6
-"""Pa, gauge: fixed setting of the bulk-modulus circuit's relief valve (4.6.3)."""
 RATED_PRESSURE = 10.34e6
 """Pa, gauge: rated pressure of the system (4.6.3)."""
 
@@ -40,13 +33,13 @@ class ExternalAccumulators(Validated):
 
     Attributes
     ----------
-    gas_charge : Pa, gauge, of the nitrogen without oil; "no more than 9.30 MPa".
+    gas_charge : Pa, gauge, of the nitrogen without oil; "no more than 9.30 MPa" (4.6.3).
     gas_volume : m³ of each, Table 4.15's Hawe AC13.
     valve_flow : m³/s at 1 MPa through each flow control valve as it is set (FC08-20F). Assumption:
         2e-5 lets the accumulator follow slow pressure changes and hides it from fast ones.
     """
 
-    gas_charge: Annotated[float, Field(ge=1e4, le=HIGHEST_GAS_CHARGE)] = 4.0e5
+    gas_charge: Annotated[float, Field(ge=1e4, le=9.30e6)] = 4.0e5
     gas_volume: Annotated[float, Field(ge=1e-7, le=1e-3)] = 13e-6
     valve_flow: Annotated[float, Field(ge=0.0, le=1e-3)] = 2e-5
 
@@ -74,12 +67,9 @@ class Circuit(Validated):
         of the thesis goes up to 689 kPa; the rig's relief valve to 9.65 MPa.
     accumulators : the bulk-modulus circuit, where it is connected.
 
-    Raises
-    ------
-    InputError : an opening outside 0 to 1, a pressure above its rating.
-
     Examples
     --------
+    >>> import numpy as np
     >>> Circuit(throttle="0:1/5:0.2").throttle.over(np.array([0.0, 5.0]))
     array([1. , 0.2])
     """
@@ -95,7 +85,7 @@ class Circuit(Validated):
     charging: ShareProgramme = SHUT
     charging_displacement: Annotated[float, Field(gt=0.0, le=1e-5)] = 2.83e-7
     charging_speed: Annotated[float, Field(gt=0.0, le=2000.0)] = 314.16
-    charging_pressure: Annotated[float, Field(ge=0.0, le=CIRCUIT_RELIEF)] = 6.89e5
+    charging_pressure: Annotated[float, Field(ge=0.0, le=9.65e6)] = 6.89e5
     accumulators: ExternalAccumulators | None = None
 
     @property
@@ -129,10 +119,7 @@ class Connect(Validated):
 
 
 def apply(circuit: Circuit, rows: Array, time: Array) -> None:
-    """Write an axis's valves into its conditions (n, COLUMNS) at `time` (n,) s, in place.
-
-    The ball valve and the external accumulators are constant over a run: the plant's parameters.
-    """
+    """Write an axis's valves into its conditions (n, COLUMNS) at `time` (n,) s, in place."""
     across = circuit.bypass.over(time) * circuit.bypass_flow
     rows[:, c.BYPASS] += across + circuit.throttle.over(time) * circuit.throttle_flow
     outside = c.OUTSIDE_1 if circuit.external_leakage_side == 1 else c.OUTSIDE_2
@@ -148,27 +135,19 @@ def apply_connect(connect: Connect, rows: Array, time: Array) -> None:
 
 
 def check_charging(circuit: Circuit, unit: Unit, charge_factor: float = 1.0) -> None:
-    """Refuse charging that the unit's own pressures rule out.
-
-    Raises
-    ------
-    InputError : beyond the system's rated pressure without the circuit that protects it, or no flow.
-    """
+    """Refuse charging without flow, or beyond the rated pressure without the circuit that protects."""
     if circuit.charging.most == 0.0:
         return
     charge = unit.accumulator.charge_pressure * charge_factor
+    told = f"charging to {circuit.charging_pressure / 1e6:g} MPa"
     if circuit.charging_pressure <= charge:
-        raise InputError(
-            f"charging to {circuit.charging_pressure / 1e6:g} MPa adds nothing to a charge of "
-            f"{charge / 1e6:g} MPa",
-            where=WHERE,
-            mend="raise charging_pressure or lower charge_factor",
-        )
+        problem = f"{told} adds nothing to a charge of {charge / 1e6:g} MPa"
+        raise InputError(problem, where=WHERE, mend="raise charging_pressure or lower charge_factor")
     together = circuit.charging_pressure + unit.accumulator.relief_pressure
     if together > RATED_PRESSURE and circuit.accumulators is None:
         raise InputError(
-            f"charging to {circuit.charging_pressure / 1e6:g} MPa below relief valves of "
-            f"{unit.accumulator.relief_pressure / 1e6:g} MPa exceeds the rated {RATED_PRESSURE / 1e6:g} MPa",
+            f"{told} below relief valves of {unit.accumulator.relief_pressure / 1e6:g} MPa exceeds the rated "
+            f"{RATED_PRESSURE / 1e6:g} MPa",
             where=WHERE,
             mend="lower charging_pressure or connect the accumulators, whose relief valve protects",
         )

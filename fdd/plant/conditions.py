@@ -8,11 +8,9 @@ temperature: the loop divides them by the viscosity of its own, present temperat
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fdd.plant import Array
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 (
     SETPOINT,  # m in position control, rad/s in speed control, unsigned rad/s for strokes at constant speed

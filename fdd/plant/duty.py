@@ -11,15 +11,13 @@ from collections.abc import Callable
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.signal import butter, sosfilt
 
 from fdd.errors import InputError
+from fdd.plant import Array
 from fdd.plant.programme import AnyProgramme, Programme
 from fdd.plant.validated import Ranges, Validated
-
-Array = NDArray[np.float64]
 
 TICK = 1e-3
 """Period of the controller (s)."""
@@ -132,10 +130,8 @@ class Prbs(Duty):
     bit: Seconds = 0.2
 
     def shape(self, time: Array, rng: np.random.Generator) -> Array:
-        bits = rng.integers(0, 2, int(time.size * TICK / self.bit) + 1) * 2.0 - 1.0
-        return np.asarray(
-            bits[np.minimum((time / self.bit).astype(np.int64), bits.size - 1)], dtype=np.float64
-        )
+        bits = rng.integers(0, 2, int(time.size * TICK / self.bit) + 1).astype(np.float64) * 2.0 - 1.0
+        return bits[np.minimum((time / self.bit).astype(np.int64), bits.size - 1)]
 
 
 class Sawtooth(Duty):
@@ -187,9 +183,8 @@ class Flight(Duty):
             return np.zeros(0)
         held = _held(time, self.hold, rng, lambda k: np.clip(0.4 * rng.standard_normal(k), -0.8, 0.8))
         held = np.asarray(sosfilt(butter(2, 1.5, fs=1.0 / TICK, output="sos"), held))
-        noise = sosfilt(
-            butter(2, self.bandwidth_hz, fs=1.0 / TICK, output="sos"), rng.standard_normal(time.size)
-        )
+        low_pass = butter(2, self.bandwidth_hz, fs=1.0 / TICK, output="sos")
+        noise = sosfilt(low_pass, rng.standard_normal(time.size))
         noise = noise / np.sqrt(1.1107 * self.bandwidth_hz * 2.0 * TICK)
         return np.clip(held + self.corrections * noise, -1.0, 1.0)
 

@@ -9,17 +9,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from fdd.plant import Array
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.hydraulics import gas_rate, hydraulic_rates
 from fdd.plant.laws import oil_at, orifice, store_pressure
 from fdd.plant.parameters import DAHL, ELASTOPLASTIC, SMOOTH, Constants
-
-Array = NDArray[np.float64]
 
 _WORN_LENGTH = 0.25
 """Of the half stroke: how far from mid-stroke a seal's running-in track is felt (1/e of its change)."""
@@ -32,9 +28,7 @@ would cost the integrator its order at each reversal."""
 def friction_rates(y: Array, x: float, v: float, now: Array, par: Constants, dy: Array) -> float:
     """Friction force of the cylinder (N, against extension); fills the rates of bristle and memory.
 
-    LuGre with a curve for each direction (eqs 5.8 to 5.12, Table 5.2).
-
-    Two things beyond eqs 5.8 to 5.12, which leave open what happens before the seal slides. The bristle
+    LuGre with a curve for each direction (eqs 5.8 to 5.12, Table 5.2), and two things beyond. The bristle
     holds without sliding until the break-away share of its steady deflection, after Dupont, Hayward,
     Armstrong and Altpeter (doi:10.1109/TAC.2002.1000274); share 0 is LuGre's own eq. 5.9. And the
     lubricant's film, and with it the falling curve, follows the sliding with a lag, while the seal resists
@@ -42,11 +36,8 @@ def friction_rates(y: Array, x: float, v: float, now: Array, par: Constants, dy:
     (in the thesis it does not, figure 5.8), without the second the falling curve would drive the hydraulic
     resonance to its limit at any speed.
 
-    Thick oil raises the film's part of the level and thins the falling curve: both go with viscosity times
-    speed, see `fdd.plant.integrator.thin`.
-
-    Other seals, other laws (`fdd.plant.details.Details.friction_law`): plain LuGre, Dahl's bristle, a smooth
-    Stribeck curve; and pressure that presses the lips on.
+    Thick oil raises the film's part of the level and thins the falling curve, see
+    `fdd.plant.integrator.thin`. Other seals, other laws: `fdd.plant.details.Details.friction_law`.
     """
     z, memory = y[s.Z], y[s.MEMORY]
     law = par.friction_law
@@ -185,12 +176,6 @@ def axis_rates(
 
 
 @njit(error_model="numpy", inline="always")
-def accumulator_pressure(y: Array, now: Array, par: Constants) -> float:
-    """Gauge pressure (Pa) of an axis's accumulator."""
-    return store_pressure(y[s.STORE] * now[c.STORE_SPECIFIC], y[s.GAS], par)
-
-
-@njit(error_model="numpy", inline="always")
 def load_spring(x: float, par: Constants) -> float:
     """Force of the load's spring (N): through a hinge's play, and of a press only where it touches."""
     reach = x - par.spring_centre
@@ -222,25 +207,14 @@ def end_stop(x: float, v: float, par: Constants) -> float:
 # Its arrays are borrowed: without counting references to them (_nrt) it takes a quarter less time.
 @njit(error_model="numpy", _nrt=False)
 def right_hand_side(
-    y: Array,
-    command_1: float,
-    command_2: float,
-    now: Array,
-    first: Constants,
-    second: Constants,
-    dy: Array,
+    y: Array, command_1: float, command_2: float, now: Array, first: Constants, second: Constants, dy: Array,
     found: Array,
-) -> None:
-    """Time derivative of the state.
+) -> None:  # fmt: skip
+    """Time derivative `dy` of the state `y` (STATES,), of two axes (STATES + AXIS_STATES,).
 
-    Parameters
-    ----------
-    y : (STATES,) for one axis, (STATES + AXIS_STATES,) for two.
-    command_1, command_2 : rad/s, speeds demanded of the drives (after their delay).
-    now : (axes, COLUMNS) conditions of this millisecond, at the present viscosity.
-    first, second : constants of each axis; load, stops and mass are the first's.
-    dy : as y, is filled with the derivative.
-    found : (axes·FINDINGS,) is filled with forces, flows, pressures.
+    Commands are the speeds (rad/s) demanded of the drives, after their delay; `now` (axes, COLUMNS) are the
+    conditions of this millisecond, at the present viscosity; of the axes' constants load, stops and mass are
+    the first's. Fills `found` (axes·FINDINGS,) with forces, flows, pressures.
     """
     x, v = y[s.X], y[s.V]
     row = now[0]
@@ -257,12 +231,12 @@ def right_hand_side(
         linked_1 = math.exp(log_a) * orifice(a_2 - a, row[c.CONNECT_1], first.orifice_transition)
         linked_2 = math.exp(log_b) * orifice(b_2 - b, row[c.CONNECT_2], first.orifice_transition)
     own, rates = y[s.SHARED : o], dy[s.SHARED : o]
-    pa = accumulator_pressure(own, row, first)
+    pa = store_pressure(own[s.STORE] * row[c.STORE_SPECIFIC], own[s.GAS], first)
     force = axis_rates(own, x, v, command_1, pa, linked_1, linked_2, row, first, rates, found[: s.FINDINGS])
     if dual:
         own_2, rates_2 = y[o:], dy[o:]
         if second.shares <= 0.0:
-            pa = accumulator_pressure(own_2, now[1], second)
+            pa = store_pressure(own_2[s.STORE] * now[1, c.STORE_SPECIFIC], own_2[s.GAS], second)
         force += axis_rates(
             own_2, x, v, command_2, pa, -linked_1, -linked_2, now[1], second, rates_2, found[s.FINDINGS :]
         )

@@ -12,16 +12,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from fdd.plant import Array
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.laws import lift_rate, oil_at, opening, orifice, poppet, settled_air
 from fdd.plant.parameters import Constants
-
-Array = NDArray[np.float64]
 
 _STARVED = 20e3
 """Pa, absolute: inlet pressure below which the pump no longer fills. Without it a pump that is not refed
@@ -96,18 +92,12 @@ def hydraulic_rates(
     y: Array, x: float, v: float, pa: float, linked_1: float, linked_2: float, now: Array, par: Constants,
     dy: Array, found: Array,
 ) -> tuple[float, float, float, float, float, float]:  # fmt: skip
-    """Hydraulic torque on the pump (N·m) and power lost in the oil (W); fills the rates of all pressures.
+    """Hydraulic torque on the pump (N·m), power lost in the oil (W), and what a kelvin of warming adds to
+    each pressure, chambers and lines (Pa/K); fills the rates of all pressures.
 
-    Parameters
-    ----------
-    y, dy, found : this axis's part of the state, its rates and findings.
-    x, v : m and m/s of the piston.
-    pa : Pa, gauge, of the accumulator that the axis has or shares.
-    linked_1, linked_2 : mass flows into this axis's lines from the other's.
-
-    Returns
-    -------
-    torque, power, and what a kelvin of warming adds to each pressure, chambers and lines (Pa/K).
+    `y`, `dy`, `found` are this axis's part of the state, its rates and findings, `x` (m) and `v` (m/s) the
+    piston's, `pa` (Pa, gauge) of the accumulator that the axis has or shares, `linked_1`, `linked_2` mass
+    flows into its lines from the other's.
     """
     p1, p2, free_1, free_2 = y[s.P1], y[s.P2], y[s.FREE_1], y[s.FREE_2]
     warm = y[s.TEMPERATURE] - par.reference_temperature

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.plant import Array
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
@@ -18,8 +19,6 @@ from fdd.plant.equations import right_hand_side
 from fdd.plant.laws import oil_at, settled_air, walther
 from fdd.plant.parameters import Constants
 from fdd.plant.steps import STAGES, advance
-
-Array = NDArray[np.float64]
 
 PERIOD = 1e-3
 """s, of controller and recording."""
@@ -33,17 +32,15 @@ SAME, STILL, OWN = 0, 1, 2
 
 
 OWN_MEMORIES = 9
-(_DIRECTION, _REST, _LENGTH, _U1, _U2, _Y1, _Y2, _SEEN, _STEPS) = range(OWN_MEMORIES)
+(_DIRECTION, _REST, _LENGTH, _U1, _U2, _Y1, _Y2, _SEEN, STEPS) = range(OWN_MEMORIES)
 (_HEAT, _AIR_1, _AIR_2, _VAPOUR, _THINNED, _RATIO) = range(6)
 _EACH = 6
 MEMORIES = OWN_MEMORIES + 2 * _EACH
-"""The controller's, then each axis's: the winding's heat over what it bears for good, its chambers' air, its
-oil's vapour pressure over sound oil's, and temperature (°C) and viscosity over the reference's, as they were
-last worked out."""
+"""The controller's, with the integrator's steps at `STEPS`, then each axis's: the winding's heat over what
+it bears for good, its chambers' air, its oil's vapour pressure over sound oil's, and temperature (°C) and
+viscosity over the reference's, as they were last worked out."""
 _SAME_WARMTH = 1e-5
 """K that change the viscosity by less than a millionth: it is not worked out anew for them."""
-STEPS = _STEPS
-"""Where the memory counts the integrator's steps."""
 _LOADED, _HEATED = 0.5, 2.0
 """Pressure difference over the relief setting, and warming (K) since the start, at which a fault that comes
 with load or heat is whole."""
@@ -82,9 +79,8 @@ def thin(
     """
     if abs(temperature - memory[at + _THINNED]) > _SAME_WARMTH:
         memory[at + _THINNED] = temperature
-        memory[at + _RATIO] = (
-            walther(temperature, viscosity[axis, 0], viscosity[axis, 1]) / viscosity[axis, 2]
-        )
+        present = walther(temperature, viscosity[axis, 0], viscosity[axis, 1])
+        memory[at + _RATIO] = present / viscosity[axis, 2]
     ratio = memory[at + _RATIO] * now[axis, c.VISCOSITY]
     thinner = 1.0 / ratio
     for column in _THINNED_LEAKS:
@@ -113,10 +109,7 @@ def blend(row: Array, added: Array, acting: int, share: float) -> None:
 @njit(error_model="numpy")
 def exchange_air(y: Array, o: int, row: Array, memory: Array, at: int, par: Constants) -> None:
     """Let air and vapour come where oil leaves, at constant pressure, in place: what a row has more than the
-    last one.
-
-    `o` and `at` are where the axis begins in the state and in the memory.
-    """
+    last one. `o` and `at` are where the axis begins in the state and in the memory."""
     x, warm = y[s.X], y[o + s.TEMPERATURE] - par.reference_temperature
     vapour, memory[at + _VAPOUR] = memory[at + _VAPOUR], row[c.VAPOUR]
     for i in range(2):
@@ -214,18 +207,15 @@ def run(
 
     Parameters
     ----------
-    y : state, one axis or two; holds the last one afterwards.
-    memory, past : from `new_memory`; hold what the next block needs afterwards.
+    y, memory, past : state, and from `new_memory`; hold what the next block begins with afterwards.
     conditions : (n, axes, COLUMNS) one row per millisecond, at the reference viscosity; holds afterwards what
         acted, faults that come with load or heat included.
     by_load, by_heat : (n, axes, COLUMNS) what such faults add at their full; no rows where there are none.
     viscosity : (axes, 3) Walther's intercept and slope, and the reference viscosity (cSt).
-    first, second : constants of the axes; for one axis the second is not used.
-    control : constants of the controller, see `fdd.plant.prepare`.
+    first, second, control : constants of the axes (a single one's are both) and of the controller.
     late : (m,) parts of its period by which each sample is taken late, 0 to `LATE_PARTS` - 1; m is n, or a
         multiple where more than one sample is taken each millisecond.
-    per_allowed : one over the error allowed for each state over a step, see `fdd.plant.steps.tolerances`.
-    longest : longest step (s).
+    per_allowed, longest : one over the error allowed for each state over a step, and the longest step (s).
 
     Returns
     -------
@@ -239,15 +229,12 @@ def run(
     findings = np.empty((late.size, axes * s.FINDINGS))
     commands = np.zeros((depth + n, 2))  # with those of the past in front
     commands[:depth] = past.T
-    k = np.empty((STAGES, y.size))
-    stage = np.empty(y.size)
-    found = np.empty(axes * s.FINDINGS)
-    now = np.empty((axes, c.COLUMNS))
+    k, stage = np.empty((STAGES, y.size)), np.empty(y.size)
+    found, now = np.empty(axes * s.FINDINGS), np.empty((axes, c.COLUMNS))
     whole_1, whole_2 = int(control.delay_1 / PERIOD + 1e-9), int(control.delay_2 / PERIOD + 1e-9)
-    part_1 = max(control.delay_1 - whole_1 * PERIOD, 0.0)
-    part_2 = max(control.delay_2 - whole_2 * PERIOD, 0.0) if axes > 1 else 0.0
+    part_1, part_2 = control.delay_1 - whole_1 * PERIOD, control.delay_2 - whole_2 * PERIOD
     part_1 = part_1 if part_1 > 1e-9 else 0.0
-    part_2 = part_2 if part_2 > 1e-9 else 0.0
+    part_2 = part_2 if part_2 > 1e-9 and axes > 1 else 0.0
     for t in range(n):
         take_row(y, 0, t, conditions, by_load, by_heat, viscosity, memory, first, now)
         if axes > 1:
@@ -279,7 +266,7 @@ def run(
                 y, end - at, memory[_LENGTH], longest, command_1, command_2, now, first, second,
                 per_allowed, k, stage, found,
             )  # fmt: skip
-            memory[_STEPS] += tried
+            memory[STEPS] += tried
             if length < 0.0:
                 states[t * each :] = np.nan
                 findings[t * each :] = np.nan

@@ -4,16 +4,8 @@ from __future__ import annotations
 
 import math
 
+from fdd.plant import oil as o
 from fdd.plant.compiled import njit
-from fdd.plant.oil import (
-    AIR_WARMING,
-    ATMOSPHERE,
-    KELVIN,
-    VAPOUR_FELT,
-    VAPOUR_SHARE,
-    VAPOUR_SLOPE,
-    WALTHER_SHIFT,
-)  # fmt: skip
 from fdd.plant.parameters import Constants
 
 _LEAST_ABSOLUTE = 1.0  # Pa; guards the power law within a step, gas and vapour keep the state above
@@ -86,29 +78,24 @@ def oil_at(
     volume over that at atmospheric pressure (eqs 5.20 and 5.21) and at the oil's own temperature, w the
     vapour's volume, a power law that keeps the pressure near the vapour's and no mass of its own.
 
-    Parameters
-    ----------
-    pressure : Pa, gauge. free : volume of free air at atmospheric pressure over that of oil.
-    warm : K above the oil's reference temperature. vapour : vapour pressure over sound oil's.
-
-    Returns
-    -------
-    compliance ∂lnρ/∂p (1/Pa), ln ρ, g, and expansion -∂lnρ/∂T (1/K).
+    Of a `pressure` (Pa, gauge), the volume of `free` air at atmospheric pressure over that of oil, K `warm`
+    above the oil's reference temperature, and vapour pressure over sound oil's. Gives compliance ∂lnρ/∂p
+    (1/Pa), ln ρ, g, and expansion -∂lnρ/∂T (1/K).
     """
     inverse = 1.0 / max(pressure + par.ambient, _LEAST_ABSOLUTE)
-    cold = math.exp(par.polytropic_inverse * math.log(ATMOSPHERE * inverse))
-    gas = (1.0 + AIR_WARMING * warm) * cold
+    cold = math.exp(par.polytropic_inverse * math.log(o.ATMOSPHERE * inverse))
+    gas = (1.0 + o.AIR_WARMING * warm) * cold
     stiff = par.stiff_compliance + par.softening * warm
     soft = stiff + free * gas * par.polytropic_inverse * inverse
     density = stiff * pressure - par.expansion * warm - free * gas
-    swell = par.expansion - par.softening * pressure + free * cold * AIR_WARMING
-    q = max(1.0 + VAPOUR_SLOPE * warm, 0.1)
+    swell = par.expansion - par.softening * pressure + free * cold * o.AIR_WARMING
+    q = max(1.0 + o.VAPOUR_SLOPE * warm, 0.1)
     ratio = par.vapour_pressure * vapour * q * q * q * inverse
-    if ratio > VAPOUR_FELT:
-        beyond = ratio - VAPOUR_FELT
-        density -= VAPOUR_SHARE * beyond * beyond
-        soft += 2.0 * VAPOUR_SHARE * beyond * ratio * inverse
-        swell += 6.0 * VAPOUR_SHARE * beyond * ratio * VAPOUR_SLOPE / q
+    if ratio > o.VAPOUR_FELT:
+        beyond = ratio - o.VAPOUR_FELT
+        density -= o.VAPOUR_SHARE * beyond * beyond
+        soft += 2.0 * o.VAPOUR_SHARE * beyond * ratio * inverse
+        swell += 6.0 * o.VAPOUR_SHARE * beyond * ratio * o.VAPOUR_SLOPE / q
     return soft, density, gas, swell
 
 
@@ -124,8 +111,8 @@ def settled_air(pressure: float, air: float, par: Constants) -> float:
 @njit(error_model="numpy", inline="always")
 def walther(temperature: float, intercept: float, slope: float) -> float:
     """Kinematic viscosity (cSt) at a temperature (°C), ASTM D341: log10 log10(ν + 0.7) = a + b·log10 T."""
-    inner = intercept + slope * math.log10(temperature + KELVIN)
-    return math.pow(10.0, math.pow(10.0, inner)) - WALTHER_SHIFT
+    inner = intercept + slope * math.log10(temperature + o.KELVIN)
+    return math.pow(10.0, math.pow(10.0, inner)) - o.WALTHER_SHIFT
 
 
 @njit(error_model="numpy", inline="always")
@@ -136,10 +123,8 @@ def store_pressure(oil: float, heat: float, par: Constants) -> float:
     the pressure falls with what little gas the inner circuit's own oil holds. At the other one the inner
     circuit's oil alone gives.
 
-    Parameters
-    ----------
-    oil : m³ held; negative is what the inner circuit lacks.
-    heat : absolute temperature of the gas over that at rest.
+    Of the `oil` held (m³; negative is what the inner circuit lacks) and the gas's absolute temperature over
+    that at rest.
     """
     if oil < 0.0:
         left = par.gallery_gas / (par.gallery_gas - oil)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Annotated, ClassVar, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.signal import butter, sosfilt
 
+from fdd.plant import Array
 from fdd.plant.programme import AnyProgramme, Programme
 from fdd.plant.validated import Ranges, Validated
-
-Array = NDArray[np.float64]
 
 _CONTROL_RATE = 1000.0
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fdd.errors import InputError
+from fdd.plant import Array
 from fdd.unit import Oil
 
 ATMOSPHERE = 101_325.0
@@ -44,17 +45,16 @@ def walther_line(oil: Oil) -> tuple[float, float, float]:
 
     ``log10 log10(ν + 0.7) = intercept + slope·log10 T``, ν in cSt and T in kelvin (ASTM D341).
     """
-    ordinate = [
-        math.log10(math.log10(v * 1e6 + WALTHER_SHIFT)) for v in (oil.viscosity_40, oil.viscosity_100)
-    ]
-    abscissa = [math.log10(40.0 + KELVIN), math.log10(100.0 + KELVIN)]
-    slope = (ordinate[1] - ordinate[0]) / (abscissa[1] - abscissa[0])
-    intercept = ordinate[0] - slope * abscissa[0]
+    cold = math.log10(math.log10(oil.viscosity_40 * 1e6 + WALTHER_SHIFT))
+    hot = math.log10(math.log10(oil.viscosity_100 * 1e6 + WALTHER_SHIFT))
+    low = math.log10(40.0 + KELVIN)
+    slope = (hot - cold) / (math.log10(100.0 + KELVIN) - low)
+    intercept = cold - slope * low
     inner = intercept + slope * math.log10(oil.reference_temperature + KELVIN)
     return intercept, slope, 10.0 ** (10.0**inner) - WALTHER_SHIFT
 
 
-def viscosity(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
+def viscosity(oil: Oil, temperature: ArrayLike) -> Array:
     """Kinematic viscosity (…), m²/s, by `walther_line` at a temperature (…), °C."""
     intercept, slope, _ = walther_line(oil)
     kelvin = np.asarray(temperature, dtype=np.float64) + KELVIN
@@ -62,14 +62,12 @@ def viscosity(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
     return np.asarray((10.0 ** (10.0**loglog) - WALTHER_SHIFT) * 1e-6)
 
 
-def viscosity_ratio(oil: Oil, temperature: ArrayLike) -> NDArray[np.float64]:
+def viscosity_ratio(oil: Oil, temperature: ArrayLike) -> Array:
     """Viscosity over that at the oil's reference temperature, (…)."""
     return viscosity(oil, temperature) / viscosity(oil, oil.reference_temperature)
 
 
-def air_compliance(
-    pressure: ArrayLike, polytropic_index: float, ambient: float = ATMOSPHERE
-) -> NDArray[np.float64]:
+def air_compliance(pressure: ArrayLike, polytropic_index: float, ambient: float = ATMOSPHERE) -> Array:
     """Compliance that a unit fraction of free air adds (…), 1/Pa: c(p) of ``1/β = 1/β_stiff + α·c(p)``.
 
     ``c(p) = p_atm^(1/n) / (n·p_abs^((n+1)/n))``: the derivative of a polytropic gas's volume, counted at
@@ -82,13 +80,9 @@ def air_compliance(
 
 
 def stiff_bulk_modulus(oil: Oil) -> float:
-    """Bulk modulus of oil and walls alone (Pa), such that with the healthy air the unit's is met.
+    """Bulk modulus of oil and walls alone (Pa): ``1/β_stiff = 1/β_ref - α·c(p_ref)`` with the healthy air α.
 
-    Solves ``1/β_stiff = 1/β_ref - α·c(p_ref)``.
-
-    Raises
-    ------
-    InputError : where that much air alone is softer than the bulk modulus given.
+    Refuses, with an `InputError`, that much air alone being softer than the bulk modulus given.
     """
     air = oil.air_fraction * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
     stiff = 1.0 / oil.bulk_modulus - air
@@ -104,7 +98,7 @@ def stiff_bulk_modulus(oil: Oil) -> float:
 
 def bulk_modulus(
     oil: Oil, pressure: ArrayLike, air_fraction: ArrayLike | None = None, ambient: float = ATMOSPHERE
-) -> NDArray[np.float64]:
+) -> Array:
     """Effective bulk modulus (…), Pa, at a gauge pressure: ``1/β = 1/β_stiff + α·c(p)``.
 
     The `air_fraction` (…) is the volume of free air at atmospheric pressure over that of oil; None takes the

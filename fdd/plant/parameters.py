@@ -37,19 +37,12 @@ def _numbers(part: BaseModel) -> dict[str, float]:
 
 
 def velocity_loop(drive: Drive, current_lag: float) -> tuple[float, float, float, float]:
-    """Gains of the velocity loop that has the drive's poles and zero, and the current loop's rate.
+    """Gains of the velocity loop that has the drive's poles and zero (eq. 6.11), and the current loop's rate.
 
-    With a current loop of lag τ the speed follows ω/c = (f·s + k2)/(τs³ + s² + k1·s + k2). Two of its poles
-    are the drive's; their sum is 1/τ, so the third lies at p3 = 1/τ - p1 - p2.
-
-    Parameters
-    ----------
-    drive : poles and zero of eq. 6.11 (1/s).
-    current_lag : τ wanted (s); shortened where the drive's own poles are nearly as fast.
-
-    Returns
-    -------
-    loop_gain k1 (1/s), loop_integral k2 (1/s²), loop_feed f (1/s), current_rate 1/τ (1/s).
+    With a current loop of lag τ (s) the speed follows ω/c = (f·s + k2)/(τs³ + s² + k1·s + k2). Two of its
+    poles are the drive's; their sum is 1/τ, so the third lies at p3 = 1/τ - p1 - p2. The `current_lag`
+    wanted is shortened where the drive's own poles are nearly as fast. Gives k1 (1/s), k2 (1/s²), f (1/s)
+    and 1/τ (1/s).
     """
     total, product = drive.pole_1 + drive.pole_2, drive.pole_1 * drive.pole_2
     rate = max(1.0 / current_lag, 3.0 * total)

@@ -9,14 +9,14 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, cont2discrete, lfilter
 
 from fdd.errors import InputError
+from fdd.plant import Array
 from fdd.plant import conditions as c
 from fdd.plant import integrator as loop
 from fdd.plant import state as s
-from fdd.plant.circuit import Circuit, apply, apply_connect, check_charging
+from fdd.plant.circuit import apply, apply_connect, check_charging
 from fdd.plant.duty import ConstantSpeed
 from fdd.plant.equations import load_spring
 from fdd.plant.faults.injection import STATE_BORNE, inject
@@ -29,9 +29,6 @@ from fdd.plant.sensors import generator, position_offset
 from fdd.plant.steps import tolerances
 from fdd.unit import Unit
 
-Array = NDArray[np.float64]
-
-LEAST_REFINEMENT, MOST_REFINEMENT = 0.25, 64.0
 FRICTION_TIME = 20.0
 """s, over which wandering friction forgets what it was: assumption, films and seals settle in tens of s."""
 _KNOT = 0.1  # s, between which that friction is linear
@@ -53,12 +50,12 @@ class Prepared:
     setpoints, force : (axes, rows) what the controllers are asked for, and (rows,) N on the rod.
     """
 
-    units: tuple[Unit, ...]
+    units: list[Unit]
     scenario: Scenario
     state: Array
     memory: Array
     past: Array
-    parameters: tuple[Constants, ...]
+    parameters: list[Constants]
     controller: Constants
     viscosity: Array
     allowed: Array
@@ -81,31 +78,23 @@ class Prepared:
     def conditions(self, start: int, stop: int) -> tuple[Array, Array, Array]:
         """Conditions of some milliseconds, (stop - start, axes, COLUMNS), and what faults that come with load
         and with heat add to them at their full; (0, axes, COLUMNS) where there are none."""
-        time = np.arange(start, stop, dtype=np.float64) * PERIOD
+        time, force = np.arange(start, stop, dtype=np.float64) * PERIOD, self.force[start:stop]
         parts = [
-            axis_conditions(
-                unit, self.scenario, time, self.setpoints[i, start:stop], self.force[start:stop], axis=i + 1
-            )
+            axis_conditions(unit, self.scenario, time, self.setpoints[i, start:stop], force, axis=i + 1)
             for i, unit in enumerate(self.units)
         ]
         first = [spec for spec in self.scenario.faults if spec.axis == 1]
         parts[0].rows[:, c.ENCODER_OFFSET] = position_offset(first, start, stop - start, self.scenario.seed)
-        rows = _side_by_side([part.rows for part in parts])
-        none = np.empty((0, *rows.shape[1:]))
-        by_load, by_heat = (
-            none if all(added is None for added in each)
-            else _side_by_side([np.zeros_like(parts[0].rows) if added is None else added for added in each])
-            for each in ([part.by_load for part in parts], [part.by_heat for part in parts])
-        )  # fmt: skip
+        rows, by_load, by_heat = (_side_by_side(list(each)) for each in zip(*parts, strict=True))
         return rows, by_load, by_heat
 
 
 class AxisConditions(NamedTuple):
-    """Conditions of an axis, (n, COLUMNS), and what is added at full load and at full heat, if anything."""
+    """Conditions of an axis, (n, COLUMNS), and what is added at full load and at full heat, or no rows."""
 
     rows: Array
-    by_load: Array | None
-    by_heat: Array | None
+    by_load: Array
+    by_heat: Array
 
 
 def axis_conditions(
@@ -115,10 +104,6 @@ def axis_conditions(
 
     Each row depends on its own time alone, so a run may be cut anywhere. `setpoint` (n,) is the controller's
     (see `fdd.plant.conditions`), `force` (n,) N on the rod goes with the first axis.
-
-    Raises
-    ------
-    InputError : charging that the unit's pressures rule out.
     """
     rows = c.healthy_conditions(unit, setpoint, force)
     rows[:, c.WARMING] = scenario.warming
@@ -137,8 +122,8 @@ def axis_conditions(
     put = partial(inject, time=time, specs=scenario.faults, scales=scenario.fault_scales,
                   details=scenario.details, axis=axis)  # fmt: skip
     put(rows)
-    added: dict[str, Array | None] = dict.fromkeys(STATE_BORNE)
-    for profile in {spec.profile for spec in scenario.faults if spec.axis == axis} & set(STATE_BORNE):
+    added = dict.fromkeys(STATE_BORNE, rows[:0])
+    for profile in {spec.profile for spec in scenario.faults} & set(STATE_BORNE):
         whole = rows.copy()
         put(whole, profile=profile)
         added[profile] = whole - rows
@@ -149,7 +134,6 @@ def _wandering_friction(scenario: Scenario, time: Array, axis: int) -> Array:
     """Friction of an axis over its mean, (n,) at (n,) s, the same for both directions.
 
     An Ornstein-Uhlenbeck process (1930, doi 10.1103/PhysRev.36.823), none beyond three standard deviations.
-
     All of the run is drawn each time, so that a stretch of it is the same bits however the run is cut.
     """
     rng = generator(scenario.seed, "friction wander" + ("" if axis == 1 else f" {axis}"))
@@ -175,22 +159,14 @@ def stream_of(axis: int) -> str:
 
 
 def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0) -> Prepared:
-    """Turn units and scenario into the compiled loop's arguments; as `fdd.plant.simulate.simulate`.
-
-    Raises
-    ------
-    InputError : the duty leaves the stroke, or a unit cannot be simulated.
-    """
-    if not LEAST_REFINEMENT <= refine <= MOST_REFINEMENT:
-        raise InputError(
-            f"refine {refine} is out of range", mend=f"use {LEAST_REFINEMENT} to {MOST_REFINEMENT:g}"
-        )
+    """Turn units and scenario into the compiled loop's arguments; as `fdd.plant.simulate.simulate`."""
+    if not 0.25 <= refine <= 64.0:
+        raise InputError(f"refine {refine} is out of range", mend="use 0.25 to 64")
     _fits(unit, scenario)
-    units: tuple[Unit, ...] = (unit,)
-    circuits: tuple[Circuit, ...] = (scenario.circuit,)
+    units, circuits = [unit], [scenario.circuit]
     if scenario.partner is not None:
-        units = (unit, partner or Unit.load(scenario.partner.unit))
-        circuits = (scenario.circuit, scenario.partner.circuit)
+        units.append(partner or Unit.load(scenario.partner.unit))
+        circuits.append(scenario.partner.circuit)
     elif partner is not None:
         raise InputError("a second unit is given, but the scenario has no partner", mend="give it one")
     n, seed = scenario.rows, scenario.seed
@@ -201,7 +177,7 @@ def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refi
         setpoints[1] = scenario.partner.duty.setpoint(n, False, generator(seed, "duty 2"))
     force = scenario.load.force(n, generator(seed, "load"))
     mass = sum(u.cylinder.moving_mass for u in units)
-    parameters = tuple(
+    parameters = [
         plant_parameters(
             each, scenario.details, scenario.load, circuit=circuits[i], charge_factor=scenario.charge_factor,
             ambient=scenario.ambient, friction_draw=_friction_draw(each, seed, i),
@@ -209,7 +185,7 @@ def prepare(unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refi
             shares=i > 0 and scenario.accumulator == "shared",
         )
         for i, each in enumerate(units)
-    )  # fmt: skip
+    ]  # fmt: skip
     controller = _controller(units, scenario)
     none, viscosity = np.zeros(0), np.array([walther_line(each.oil) for each in units])
     ready = Prepared(
@@ -244,7 +220,7 @@ def _fits(unit: Unit, scenario: Scenario) -> None:
         )
 
 
-def _controller(units: tuple[Unit, ...], scenario: Scenario) -> Constants:
+def _controller(units: list[Unit], scenario: Scenario) -> Constants:
     """Constants of the controller, SI; it sees the position encoder, not the position."""
     duty, control, unit = scenario.duty, scenario.control, units[0]
     encoder, last = unit.sensor("position"), units[-1].drive
@@ -290,12 +266,10 @@ def chatter_filter(cutoff: float, period: float) -> tuple[float, float, float, f
 
 
 def _at_rest(
-    units: tuple[Unit, ...], scenario: Scenario, parameters: tuple[Constants, ...], force: float, air: Array
+    units: list[Unit], scenario: Scenario, parameters: list[Constants], force: float, air: Array
 ) -> Array:
-    """The state at which nothing moves: chambers at charge pressure, the first axis's loaded one above it.
-
-    `air` (axes, 2) is that of the chambers, by volume.
-    """
+    """The state at which nothing moves: chambers at charge pressure, the first axis's loaded one above it;
+    `air` (axes, 2) is that of the chambers, by volume."""
     y = np.zeros(s.SHARED + s.AXIS_STATES * len(units))
     y[s.X] = scenario.duty.offset
     for i, (unit, par) in enumerate(zip(units, parameters, strict=True)):
@@ -305,9 +279,8 @@ def _at_rest(
         push = -charge * (par.area_1 - par.area_2)
         if i == 0:
             push += force + load_spring(y[s.X], par)
-        y[o + s.P1] = charge + max(push, 0.0) / par.area_1
-        y[o + s.P2] = charge + max(-push, 0.0) / par.area_2
-        y[o + s.LINE_1], y[o + s.LINE_2] = y[o + s.P1], y[o + s.P2]
+        y[o + s.P1] = y[o + s.LINE_1] = charge + max(push, 0.0) / par.area_1
+        y[o + s.P2] = y[o + s.LINE_2] = charge + max(-push, 0.0) / par.area_2
         for k, held in enumerate((s.P1, s.P2)):
             y[o + s.FREE_1 + k] = settled_air(y[o + held], air[i, k] * par.air_scale, par)
         warm = scenario.oil_temperature - par.reference_temperature

@@ -6,21 +6,17 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_serializer, model_validator
 
 from fdd.errors import InputError
+from fdd.plant import Array
 from fdd.plant.validated import Validated
 
-Array = NDArray[np.float64]
-
 MAX_POINTS = 10_000
-LATEST = 3600.0
-"""s, latest point of a programme: the longest run."""
 
 _MEND = "write a number, or pairs [[time_s, value], …], or time:value/time:value"
 
-Second = Annotated[float, Field(ge=0.0, le=LATEST)]
+Second = Annotated[float, Field(ge=0.0, le=3600.0)]
 Value = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -32,10 +28,6 @@ class Programme(Validated):
     Attributes
     ----------
     points : (time in s, value), times ascending.
-
-    Raises
-    ------
-    InputError : no point, times that run backwards or three points at one time.
 
     Examples
     --------
@@ -90,12 +82,7 @@ class Programme(Validated):
 
 
 def programme(given: Any) -> Programme:
-    """A programme from what a user writes: a number, pairs, or text such as ``0:0/10:1``.
-
-    Raises
-    ------
-    InputError : none of these, or times that run backwards.
-    """
+    """A programme from a number, pairs or text such as ``0:0/10:1``, or an `InputError`."""
     if isinstance(given, Programme):
         return given
     if isinstance(given, str) and ("/" in given or ":" in given):

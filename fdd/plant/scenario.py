@@ -35,9 +35,6 @@ SCENARIO_SCHEMA = "fdd.scenario/1"
 
 _MEND = "give a YAML file with a scenario's fields: duration, duty, faults, partner, …"
 
-MAX_DURATION = 3600.0
-"""s; a millisecond takes about 350 bytes while it is simulated."""
-
 
 class Control(Validated):
     """How the pump speed is commanded.
@@ -69,10 +66,6 @@ class Partner(Validated):
     duty : for drive own.
     power : share of the motor's current limit; 0 is a motor without power, which the oil turns.
     circuit : its valves.
-
-    Raises
-    ------
-    InputError : a duty without drive own, or the other way round.
 
     Examples
     --------
@@ -134,7 +127,7 @@ class Scenario(Validated):
     """
 
     unit: str = "axis_a"
-    duration: Annotated[float, Field(ge=0.01, le=MAX_DURATION)] = 60.0
+    duration: Annotated[float, Field(ge=0.01, le=3600.0)] = 60.0
     duty: AnyDuty = Steps()
     control: Control = Control()
     load: AnyLoad = NoLoad()
@@ -206,10 +199,8 @@ def _check_valves(scenario: Scenario) -> None:
         if connect.open:  # 4.6.6
             raise refused("a connect valve is open but there is no partner", "shut connect or give a partner")
         if circuit.blocked:
-            raise refused(
-                "the axis is blocked and no partner moves its cylinder",
-                "open its ball valve (blocked: false) or give a partner",
-            )
+            mend = "open its ball valve (blocked: false) or give a partner"
+            raise refused("the axis is blocked and no partner moves its cylinder", mend)
         return
     if scenario.load.name == "throttle":
         raise refused(
@@ -247,12 +238,7 @@ def _check_valves(scenario: Scenario) -> None:
 
 
 def scenario_data(path: str | Path) -> dict[str, Any]:
-    """The fields that a scenario file gives, not yet validated.
-
-    Raises
-    ------
-    InputError : no such file, not YAML, or of another schema.
-    """
+    """The fields that a scenario file gives, not yet validated; refuses what is no YAML of this schema."""
     path = Path(path)
     text = yaml_text(path, "scenario", MAX_SCENARIO_BYTES, _MEND)
     data = yaml_mapping(text, path, "scenario", mend=_MEND)

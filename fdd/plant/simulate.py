@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.plant import Array
 from fdd.plant import conditions as c
 from fdd.plant.faults.spec import FaultSpec
 from fdd.plant.integrator import LATE_PARTS, PERIOD, run
@@ -23,8 +23,6 @@ from fdd.plant.sensors import Lateness, Recorder
 from fdd.plant.truth import Truth, truth_columns
 from fdd.samples import Samples
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 _ACTING = {"load": c.BY_LOAD, "heat": c.BY_HEAT}
 
@@ -62,13 +60,12 @@ class AxisBlock:
 
 @dataclass(frozen=True)
 class RawBlock:
-    """Some milliseconds as the compiled loop gave them, from the run's millisecond `start` on.
+    """Some milliseconds as the compiled loop gave them.
 
     `time` (n,) s is when each sample was taken, `rows` (n, axes, COLUMNS) the conditions; the others are of
     `fdd.plant.integrator.run`.
     """
 
-    start: int
     time: Array
     rows: Array
     states: Array
@@ -106,7 +103,7 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
         time = (np.arange(start * each, stop * each) + late / LATE_PARTS) * period
         if each > 1:
             rows, commands = np.repeat(rows, each, axis=0), np.repeat(commands, each, axis=0)
-        yield RawBlock(start, time, rows, states, found, commands)
+        yield RawBlock(time, rows, states, found, commands)
 
 
 def stream(
@@ -157,22 +154,12 @@ def simulate(
     parts = list(stream(units[0], scenario, partner=partner, refine=refine))
     found: Simulation | None = None
     for i in reversed(range(len(units))):
-        samples = parts[0][i].samples
-        if len(parts) > 1:
-            stamps = np.concatenate([axes[i].samples.time for axes in parts])
-            samples = Samples(stamps, _joined([axes[i].samples.columns for axes in parts]))
-        found = Simulation(
-            samples=samples,
-            truth=Truth(
-                samples.time,
-                _joined([axes[i].truth.columns for axes in parts]),
-                _joined([axes[i].truth.severity for axes in parts]),
-            ),
-            labels=[spec.label() for spec in _own(scenario, i)],
-            unit=units[i],
-            scenario=scenario,
-            partner=found,
-        )
+        blocks = [axes[i] for axes in parts]
+        samples = Samples.concatenate([b.samples for b in blocks])
+        columns = _joined([b.truth.columns for b in blocks])
+        severity = _joined([b.truth.severity for b in blocks])
+        labels = [spec.label() for spec in _own(scenario, i)]
+        found = Simulation(samples, Truth(samples.time, columns, severity), labels, units[i], scenario, found)
     assert found is not None
     return found
 
@@ -203,6 +190,4 @@ def _axis_block(ready: Prepared, raw: RawBlock, axis: int, recorder: Recorder) -
 
 def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:
     """Columns of all blocks, one after another."""
-    if len(parts) == 1:
-        return parts[0]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -14,14 +14,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fdd.plant import Array
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
 from fdd.plant.parameters import Constants
-
-Array = NDArray[np.float64]
 
 STAGES = 7
 _SHORTEST = 1e-7  # s; a step that short is taken whatever its estimate says

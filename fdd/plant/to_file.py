@@ -15,22 +15,12 @@ if TYPE_CHECKING:
     from fdd.plant.scenario import Scenario
     from fdd.unit import Unit
 
-SUFFIXES = (".mcap", ".parquet", ".csv")
-
 
 def require_kind(path: Path) -> None:
-    """Refuse a file that could not be written, before anything is simulated.
-
-    Raises
-    ------
-    InputError : says of which kinds a file may be, or why it cannot be written.
-    """
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(
-            f"files of kind {path.suffix or 'none'} are not written",
-            where=path,
-            mend=f"use {', '.join(SUFFIXES)}",
-        )
+    """Refuse a file that could not be written, with an `InputError`, before anything is simulated."""
+    if path.suffix.lower() not in (".mcap", ".parquet", ".csv"):
+        problem = f"files of kind {path.suffix or 'none'} are not written"
+        raise InputError(problem, where=path, mend="use .mcap, .parquet, .csv")
     require_writable(path)
 
 
@@ -69,13 +59,9 @@ def write_simulation(
     from fdd.logs.mcap_writing import write_blocks
 
     write_blocks(
-        path,
-        blocks,
-        axes=axes,
-        units={each.axis: each.to_yaml() for each in units},
-        scenario_json=scenario.model_dump_json(),
-        labels={"faults": [spec.label() for spec in scenario.faults]},
-    )
+        path, blocks, axes=axes, units={each.axis: each.to_yaml() for each in units},
+        scenario_json=scenario.model_dump_json(), labels={"faults": [s.label() for s in scenario.faults]},
+    )  # fmt: skip
 
 
 def _blocks(

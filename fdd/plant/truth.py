@@ -5,21 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fdd.plant import Array
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.oil import bulk_modulus, viscosity_ratio
 from fdd.plant.parameters import Constants
 from fdd.unit import Unit
 
-Array = NDArray[np.float64]
-
 TRUTH: dict[str, tuple[str, str]] = {
-    "leakage": (
-        "m^3/(s*Pa)",
-        "L_T = C_ep/2 + ξ at present viscosity, speed and pressure, faults included (eq. 3.50)",
-    ),
+    "leakage": ("m^3/(s*Pa)", "L_T = C_ep/2 + ξ at present viscosity, speed, pressure and faults (eq. 3.50)"),
     "bulk_modulus": ("Pa", "effective bulk modulus of the present oil at the unit's reference pressure"),
     "bulk_modulus_1": ("Pa", "effective bulk modulus at the pressure in chamber 1"),
     "bulk_modulus_2": ("Pa", "effective bulk modulus at the pressure in chamber 2"),
@@ -114,17 +109,14 @@ def truth_columns(
     case = 0.25 * (rows[:, c.CASE_LEAKAGE_1] + rows[:, c.CASE_LEAKAGE_2])
     cross = cross + rows[:, c.CROSS_OPENING] * np.abs(drop)
     film = 1.0 + par.film_share * (np.sqrt(ratio) - 1.0)
+    coulomb_forward = par.coulomb_forward * rows[:, c.FRICTION_FORWARD] * rows[:, c.COULOMB_FORWARD]
+    coulomb_reverse = par.coulomb_reverse * rows[:, c.FRICTION_REVERSE] * rows[:, c.COULOMB_REVERSE]
     computed = {
         "leakage": (cross + case) / ratio + _secant(rows, f, par.orifice_transition * ratio**2),
-        "bulk_modulus": bulk_modulus(unit.oil, np.full(air.size, unit.oil.reference_pressure), air),
+        "bulk_modulus": bulk_modulus(unit.oil, np.full_like(p1, unit.oil.reference_pressure), air),
         "bulk_modulus_1": bulk_modulus(unit.oil, p1, air_1, par.ambient),
         "bulk_modulus_2": bulk_modulus(unit.oil, p2, air_2, par.ambient),
-        "coulomb_friction": 0.5
-        * (
-            par.coulomb_forward * rows[:, c.FRICTION_FORWARD] * rows[:, c.COULOMB_FORWARD]
-            + par.coulomb_reverse * rows[:, c.FRICTION_REVERSE] * rows[:, c.COULOMB_REVERSE]
-        )
-        * film,
+        "coulomb_friction": 0.5 * (coulomb_forward + coulomb_reverse) * film,
         "viscous_friction": 0.5 * (par.viscous_forward + par.viscous_reverse) * rows[:, c.VISCOUS] * ratio,
         "position": states[:, s.X],
         "velocity": states[:, s.V],

@@ -37,14 +37,6 @@ class Validated(BaseModel):
         except ValidationError as error:
             raise _told(cls, error) from None
 
-    @classmethod
-    def model_validate_json(cls, *args: Any, **options: Any) -> Self:
-        """As pydantic's, but raises `InputError`."""
-        try:
-            return super().model_validate_json(*args, **options)
-        except ValidationError as error:
-            raise _told(cls, error) from None
-
 
 V = TypeVar("V", bound=Validated)
 

@@ -10,15 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fdd.faults import CATALOGUE, Effect, unusable
+from fdd.plant import Array
 from fdd.plant import conditions as c
 from fdd.plant.details import Details
 from fdd.plant.faults.spec import FaultScales, FaultSpec
-
-Array = NDArray[np.float64]
 
 PARAMETERS: dict[str, int] = {
     name.lower(): column for name, column in vars(c).items() if name.isupper() and column in range(c.COLUMNS)
@@ -33,24 +29,15 @@ PLANT_FAULTS = tuple(entry.id for entry in CATALOGUE.values() if entry.effects)
 
 
 def inject(
-    rows: Array,
-    time: Array,
-    specs: Sequence[FaultSpec],
-    scales: FaultScales,
-    details: Details,
-    *,
-    axis: int = 1,
-    profile: str | None = None,
-) -> None:
+    rows: Array, time: Array, specs: Sequence[FaultSpec], scales: FaultScales, details: Details, *,
+    axis: int = 1, profile: str | None = None,
+) -> None:  # fmt: skip
     """Put an axis's plant faults into its conditions, in place.
 
     Parameters
     ----------
-    rows : (n, COLUMNS) conditions; any stretch of a run.
-    time : (n,) s, of each row.
+    rows, time : (n, COLUMNS) conditions of any stretch of a run, and (n,) s.
     specs : the scenario's faults; those of sensors and of the other axis are passed over.
-    scales : figures of severity 1.
-    details : of the plant.
     axis : 1 or 2, whose rows these are.
     profile : ``load`` or ``heat``: those alone; None: all others.
 

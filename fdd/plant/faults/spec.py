@@ -6,11 +6,11 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, Figure, fault
+from fdd.plant import Array
 from fdd.plant.validated import Validated, named_parameters
 
 SIMULATED = tuple(f.id for f in CATALOGUE.values() if f.simulated)
@@ -89,7 +89,7 @@ class FaultSpec(Validated):
         """The fault's family in the catalogue."""
         return CATALOGUE[self.fault].family
 
-    def over(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def over(self, time: Array) -> Array:
         """Severity at each time, (n,) for (n,) seconds; of one that comes with load or heat the most."""
         since = time - self.onset
         begun = since >= -1e-9
@@ -121,7 +121,7 @@ _CHANGES = 4096
 
 
 @lru_cache(maxsize=64)
-def _changes(seed: int, period: float, duty: float) -> NDArray[np.float64]:
+def _changes(seed: int, period: float, duty: float) -> Array:
     """Seconds after the onset at which a random fault goes, comes, goes …"""
     rng = np.random.default_rng([seed, _CHANGES])
     return np.cumsum(rng.exponential(1.0, (_CHANGES, 2)) * period * np.array([duty, 1.0 - duty]))
@@ -161,10 +161,6 @@ class FaultScales(_Figures):
 
 def parse_fault(text: str) -> FaultSpec:
     """Read a fault as the command line gives it: ``ID:severity=0.4,onset=20`` and fields of `FaultSpec`.
-
-    Raises
-    ------
-    InputError : unknown fault or parameter, or a value that is not possible.
 
     Examples
     --------

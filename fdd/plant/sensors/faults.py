@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.plant import Array
 from fdd.plant.compiled import njit
 from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.plant.sensors.recording import PERIOD, Recording, generator
 from fdd.sensor import Sensor
-
-Array = NDArray[np.float64]
 
 USUAL = FaultScales()
 DRIFTED = 50.0
@@ -67,7 +66,7 @@ class SensorFault:
         self._state = np.array(self.first_state)
 
     def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
-        """What the sensor gives instead of `values` (n,), which it may overwrite, before range and rounding.
+        """What the sensor gives instead of `values` (n,), which may change, before range and rounding.
 
         Of the `truth` (n,) that is there at `time` (n,) s, from row `first_row` on.
         """
@@ -82,8 +81,7 @@ class Bias(SensorFault):
     """Zero error of the transmitter, error of its gain, or hysteresis of its diaphragm.
 
     Hysteresis is the play operator: the reading follows only where the pressure has turned by twice the
-    error (Krasnosel'skii and Pokrovskii 1989, doi:10.1007/978-3-642-61302-9). It begins in the middle. The
-    noise comes in behind it.
+    error (Krasnosel'skii and Pokrovskii 1989, doi:10.1007/978-3-642-61302-9). It begins in the middle.
     """
 
     def distort(self, values: Array, truth: Array, time: Array, first_row: int) -> Array:
@@ -176,11 +174,8 @@ def slips(spec: FaultSpec, seed: int, stream: str = "") -> tuple[NDArray[np.int6
 
 
 def position_offset(faults: list[FaultSpec], first_row: int, n: int, seed: int, stream: str = "") -> Array:
-    """What slipping adds to the position encoder's reading in n milliseconds from `first_row` on, (n,) m.
-
-    A column of it belongs to the position controller: its encoder reads ``gain·x + zero + offset``, rounded.
-    The log's position has the same offset. All zero without the fault.
-    """
+    """What slipping adds to the position encoder's reading in n milliseconds from `first_row` on, (n,) m,
+    both the controller's and the log's; zero without the fault."""
     total, wanted = np.zeros(n), np.arange(first_row, first_row + n)
     for spec in faults:
         if spec.fault == SLIP:
@@ -208,9 +203,7 @@ class Dropout(SensorFault):
     Two states, with the chances in a row of ``severity/m`` to be lost and ``(1 - severity)/m`` to come back,
     m rows being `CONTACT_TIME`: in the long run exactly that share is lost, in bursts.
 
-    Raises
-    ------
-    InputError : the variant's channel has no current loop, or the variant is unknown.
+    Refuses a broken loop, with an `InputError`, where the channel has none.
     """
 
     purpose = "dropout"
@@ -325,36 +318,20 @@ DEGRADED: dict[str, type[SensorFault]] = {
 """Variants of a channel that is there and wrong."""
 
 SENSOR_FAULTS: dict[str, type[SensorFault]] = {
-    "pressure_sensor_bias": Bias,
-    "pressure_sensor_drift": Drift,
-    SLIP: Slip,
-    DROPOUT: Dropout,
-}
+    "pressure_sensor_bias": Bias, "pressure_sensor_drift": Drift, SLIP: Slip, DROPOUT: Dropout,
+}  # fmt: skip
 """Fault to what it does; faults that are not listed are the plant's."""
 
 
 def sensor_fault(spec: FaultSpec) -> type[SensorFault] | None:
-    """What a fault does to its channel, None for a fault of the plant.
-
-    Raises
-    ------
-    InputError : a variant that is unknown.
-    """
-    if spec.fault != DROPOUT or spec.variant is None or spec.variant in DROPOUTS:
-        return SENSOR_FAULTS.get(spec.fault)
-    if spec.variant not in DEGRADED:
-        raise InputError(
-            f"fault {spec.fault}: variant {spec.variant!r} is not possible",
-            mend=f"use one of: {', '.join([*DROPOUTS, *DEGRADED])}",
-        )
-    return DEGRADED[spec.variant]
+    """What a fault does to its channel, None for a fault of the plant."""
+    usual = SENSOR_FAULTS.get(spec.fault)
+    return DEGRADED.get(spec.variant or "", usual) if spec.fault == DROPOUT else usual
 
 
 def struck_channel(spec: FaultSpec, recording: Recording | None = None) -> str | None:
-    """The channel that a fault falsifies, None for a fault of the plant.
-
-    In a log without differential pressure its faults are those of chamber 1's transducer.
-    """
+    """The channel that a fault falsifies, None for a fault of the plant; chamber 1's pressure in a log
+    without the difference."""
     kind = sensor_fault(spec)
     if kind is None:
         return None

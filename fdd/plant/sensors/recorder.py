@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from fdd.errors import InputError
+from fdd.plant import Array
 from fdd.plant.compiled import njit
 from fdd.plant.faults.spec import FaultScales, FaultSpec
 from fdd.plant.sensors.faults import USUAL, SensorFault, sensor_fault, struck_channel
@@ -24,8 +24,6 @@ from fdd.samples import Samples
 from fdd.sensor import Sensor
 from fdd.unit import Unit
 
-Array = NDArray[np.float64]
-
 MEASURED = (
     "pump_angle", "position", "pressure_difference", "pressure_1", "pressure_2", "pressure_accumulator",
     "motor_current", "oil_temperature", "load_force",
@@ -33,19 +31,10 @@ MEASURED = (
 """Channels that a sensor gives. Pump speed is the angle's count difference; set-points are known."""
 KNOWN = ("command", "position_setpoint")
 """Channels that the controller itself gives: rounded, never missing."""
-
-
 RATE = 1000.0
 """Hz, rows per second, usually."""
-HIGHEST_LIMIT = 0.45 * RATE
+HIGHEST_LIMIT = 450.0
 """Hz; a limit from here on is none."""
-_ORDER = 4
-_LEFT = 1e-9
-"""Share of a transient that is left once the noise counts as settled."""
-_LONGEST = 1_000_000
-_NOTHING = np.empty(0)
-_STARTED, _LAG = 0, 1
-"""What a channel remembers: whether rows have come, and the lagged signal."""
 MOST_JITTER = 4.0
 """Standard deviations at which a stamp's error ends, so that stamps always increase."""
 
@@ -81,13 +70,12 @@ def range_of(sensor: Sensor) -> Range:
 def band_limit(limit_hz: float, rate: float = RATE) -> tuple[Array, int]:
     """Sections that let white noise of deviation 1 through up to a limit and leave it at deviation 1.
 
-    Butterworth of fourth order: half the power at the limit, a thousandth from twice the limit on. Its gain
-    is one over the root of the impulse response's sum of squares, which is what it does to white noise.
-    Gives (2, 6) second-order sections, and the rows after which their start is forgotten.
+    Butterworth of fourth order, its gain one over the root of the impulse response's sum of squares. Gives
+    (2, 6) second-order sections, and the rows after which a billionth of their start is left.
     """
-    sections = np.array(butter(_ORDER, limit_hz, fs=rate, output="sos"))
+    sections = np.array(butter(4, limit_hz, fs=rate, output="sos"))
     poles = np.abs(np.concatenate([np.roots(section[3:]) for section in sections]))
-    settled = min(int(np.log(_LEFT) / np.log(poles.max())) + 1, _LONGEST)
+    settled = min(int(np.log(1e-9) / np.log(poles.max())) + 1, 1_000_000)
     impulse = np.zeros(settled + 1)
     impulse[0] = 1.0
     sections[0, :3] /= np.sqrt(np.sum(sosfilt(sections, impulse) ** 2))
@@ -109,24 +97,19 @@ def _observe(
     truth: Array, noise: Array, gain: float, zero: float, deviation: float, share: float, state: Array
 ) -> Array:
     """Lag, gain, zero and noise of a block; `noise` is (n,) or empty, `share` the way to the signal that the
-    lag goes in a row (1 follows at once)."""
-    n = truth.size
-    out = np.empty(n)
-    lagged = state[_LAG]
-    if state[_STARTED] == 0.0 and n > 0:
-        lagged = truth[0]
-        state[_STARTED] = 1.0
-    follows, silent = share >= 1.0, noise.size == 0
-    for i in range(n):
+    lag goes in a row (1 follows at once), `state` (1,) the lagged signal, NaN at first."""
+    out = np.empty(truth.size)
+    lagged = state[0]
+    for i in range(truth.size):
         value = truth[i]
-        if not follows:
-            lagged += share * (value - lagged)
+        if share < 1.0:
+            lagged = value if math.isnan(lagged) else lagged + share * (value - lagged)
             value = lagged
         value = gain * value + zero
-        if not silent:
+        if noise.size > 0:
             value += deviation * noise[i]
         out[i] = value
-    state[_LAG] = lagged
+    state[0] = lagged
     return out
 
 
@@ -134,8 +117,8 @@ class ChannelSensor:
     """What a sensor shows of a quantity; its state goes on from block to block.
 
     A band limit is a first-order lag on the signal; the noise stops there steeply, as measured
-    on the prototype (Appendix A: white to 150 Hz), and keeps its standard deviation. Tones ride on
-    top: they come in behind the transducer. Shaft orders are waves locked to the pump's angle.
+    on the prototype (Appendix A: white to 150 Hz), and keeps its standard deviation. Tones come in behind the
+    transducer. Shaft orders are waves locked to the pump's angle.
 
     `rng` is the channel's stream, `rate` (Hz) the rows per second.
     """
@@ -143,11 +126,11 @@ class ChannelSensor:
     def __init__(self, sensor: Sensor, rng: np.random.Generator, rate: float = RATE) -> None:
         self.sensor, self._rng = sensor, rng
         self.range = range_of(sensor)
-        limit = sensor.bandwidth_hz
-        limited = limit is not None and limit < HIGHEST_LIMIT
-        share = -math.expm1(-2.0 * math.pi * limit / rate) if limited and limit is not None else 1.0
+        limit = math.inf if sensor.bandwidth_hz is None else sensor.bandwidth_hz
+        limited = limit < HIGHEST_LIMIT
+        share = -math.expm1(-2.0 * math.pi * limit / rate) if limited else 1.0
         self._constants = (sensor.gain, sensor.zero, sensor.noise, share)
-        self._state = np.zeros(2)
+        self._state = np.full(1, np.nan)
         phases = [[a, b, rng.random()] for a, b in sensor.tones]
         self._tones = np.array(phases).reshape(-1, 3)
         # Of the angle in radians: turns of the wave per radian of the shaft.
@@ -155,7 +138,7 @@ class ChannelSensor:
         self._orders = np.array(phases).reshape(-1, 3)
         self._sections: Array | None = None
         self._filter = np.zeros((2, 2))
-        if limited and limit is not None and sensor.noise > 0.0:
+        if limited and sensor.noise > 0.0:
             self._sections, settled = band_limit(float(limit), rate)
             # Noise did not begin with the log.
             self._band(rng.standard_normal(settled))
@@ -165,7 +148,7 @@ class ChannelSensor:
 
         Of the `truth` (n,), taken at `time` (n,) s; without the pump's `angle` (n,) rad nothing vibrates.
         """
-        noise = _NOTHING
+        noise = np.empty(0)
         if self.sensor.noise > 0.0:
             noise = self._rng.standard_normal(truth.size)
             if self._sections is not None:
@@ -226,7 +209,7 @@ class Recorder:
     ) -> None:  # fmt: skip
         self.unit, self.recording = unit, recording
         channels = [c for c in MEASURED if c != "load_force" or recording.load_force]
-        rate = 1.0 / recording.period if recording.each > 1 else RATE
+        rate = 1.0 / recording.period
         self._sensors = {
             c: ChannelSensor(unit.sensor(c), generator(seed, f"sensor {c}{stream}"), rate) for c in channels
         }
@@ -248,7 +231,7 @@ class Recorder:
                 self._faults.setdefault(channel, []).append(effect)
         self._drops, self._stamps = generator(seed, "dropped rows"), generator(seed, "stamps")
         self._bursts = NanBursts(recording, seed, [*self._sensors, "pump_speed"], stream)
-        self._angle = 0.0
+        self._angle = np.empty(0)
         self.row = 0
 
     def measure(self, truth: Mapping[str, Array], time: Array) -> Rows:
@@ -259,15 +242,8 @@ class Recorder:
         truth : column (n,) of each channel of `MEASURED` (``load_force`` only where it is measured), and
             of `KNOWN` where there are any.
         time : (n,) s, when each row was taken.
-
-        Raises
-        ------
-        InputError : a channel is missing from the truth.
         """
         time = np.ascontiguousarray(time, dtype=np.float64)
-        absent = [c for c in self._sensors if c not in truth]
-        if absent:
-            raise InputError(f"the truth lacks {', '.join(absent)}", mend="give all measured channels")
         columns: dict[str, Array] = {}
         if "command" in truth:
             columns["command"] = range_of(self.unit.sensor("command")).digitise(truth["command"])
@@ -308,8 +284,6 @@ class Recorder:
 
     def _count_difference(self, angle: Array) -> Array:
         """Counts since the last sample over a nominal period: a late row shows too much speed."""
-        if not angle.size:
-            return angle
-        before = angle[0] if self.row == 0 else self._angle
-        self._angle = float(angle[-1])
-        return np.asarray(np.diff(angle, prepend=before) / self.recording.period)
+        before = angle[:1] if self.row == 0 else self._angle
+        self._angle = angle[-1:].copy() if angle.size else self._angle
+        return np.diff(angle, prepend=before) / self.recording.period

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from fdd.errors import InputError
+from fdd.plant import Array
 from fdd.plant.validated import Validated
 from fdd.samples import CHANNELS, missing_required
-
-Array = NDArray[np.float64]
 
 PERIOD = 1e-3
 """s, of controller and usual recording."""
@@ -124,13 +123,9 @@ class NanBursts:
         self.names = names
         self._rng = generator(seed, f"NaN bursts{stream}")
         rate = recording.nan_bursts_per_minute * recording.period / 60.0
-        self._gap = 1.0 / rate if rate > 0.0 and names else np.inf
-        self._row = 0
-        self._next = self._after(0.0)
+        self._gap = 1.0 / rate if rate > 0.0 else np.inf
+        self._row, self._next = 0, self._rng.exponential(self._gap)
         self._open: list[tuple[int, int, list[str]]] = []
-
-    def _after(self, start: float) -> float:
-        return start + self._rng.exponential(self._gap) if np.isfinite(self._gap) else np.inf
 
     def blank(self, columns: dict[str, Array], n: int) -> None:
         """Put NaN into the next n rows of `columns` (each (n,)), in place."""
@@ -140,11 +135,10 @@ class NanBursts:
             stop = start + int(self._rng.integers(SHORTEST_BURST, LONGEST_BURST + 1))
             struck = self._rng.permutation(len(self.names))[: int(self._rng.integers(1, MOST_CHANNELS + 1))]
             self._open.append((start, stop, [self.names[k] for k in struck]))
-            self._next = self._after(self._next)
+            self._next += self._rng.exponential(self._gap)
         for start, stop, names in self._open:
             rows = slice(max(start - self._row, 0), stop - self._row)
             for name in names:
-                if name in columns:
-                    columns[name][rows] = np.nan
+                columns[name][rows] = np.nan
         self._row = end
         self._open = [burst for burst in self._open if burst[1] > end]
