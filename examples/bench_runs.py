@@ -21,7 +21,7 @@ from fdd.campaign.scores import rate, wilson
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.identification import identify_unit
+from fdd.identification.identify import identify_unit
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats import open_log
 from fdd.logs.mapping import given_of, propose

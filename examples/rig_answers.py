@@ -26,7 +26,7 @@ from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.faults import fault
-from fdd.identification import identify_unit
+from fdd.identification.identify import identify_unit
 from fdd.logs import read_log
 from fdd.samples import Samples
 from fdd.unit import Unit

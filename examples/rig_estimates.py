@@ -23,7 +23,7 @@ from volume_balance import Window, fit_balance
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from fdd.identification import identify_unit
+from fdd.identification.identify import identify_unit
 from fdd.logs import ChannelMap, read_log
 from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
 from fdd.samples import Samples

@@ -25,7 +25,7 @@ from fdd.campaign.units import How, over_units
 from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of, history_of
 from fdd.diagnosis.random_effects import log_effects, log_equations
 from fdd.errors import InputError
-from fdd.identification import identify_unit
+from fdd.identification.identify import identify_unit
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import (

@@ -21,7 +21,7 @@ from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.model import AlarmTail, Calibration, Model, root
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.identification import identify_unit
+from fdd.identification.identify import identify_unit
 from fdd.residuals.effects import Spreads
 from fdd.samples import Samples
 from fdd.unit import Unit

@@ -105,11 +105,11 @@ def _asked(question: Question, before: str | None = None) -> str | None:
 
 
 def _typed(answers: Answers) -> tuple[Unit, list[Remark]]:
-    from fdd.data_sheet.plausibility import sheet_remarks
+    from fdd.data_sheet.plausibility import unit_remarks
     from fdd.data_sheet.profile import completed, typed_unit
 
     unit = typed_unit(answers)
-    return unit, sheet_remarks(unit, completed(answers.values))
+    return unit, unit_remarks(unit, completed(answers.values))
 
 
 def _show(unit: Unit, odd: list[Remark]) -> None:

@@ -15,18 +15,13 @@ STEP_M3 = 1e-5
 
 
 def accumulator_volumes(
-    total_oil: float,
-    loaded_oil: float,
-    relief_pressure: float,
-    bulk_modulus: float,
-    shifted: float,
-    cooling: float,
-    heating: float,
-) -> tuple[float, float]:
-    """Gas and oil volume at rest such that the circuit is neither starved nor overcharged.
+    total_oil: float, loaded_oil: float, relief_pressure: float, bulk_modulus: float, shifted: float,
+    cooling: float, heating: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Gas and oil volume at rest (m³) such that the circuit is neither starved nor overcharged.
 
-    The thesis (section 4.4) sizes its 13 cm³ by what may leak between services alone. This rule covers what
-    a closed circuit needs besides:
+    The thesis (section 4.4) sizes its 13 cm³ by what may leak between services alone. A closed circuit needs
+    besides, each rounded up to 10 cm³:
 
     - oil: 1.1 times what contracts down to the coldest temperature, what the loaded chamber takes in at the
       relief pressure, and what unequal areas shift over half a stroke;
@@ -42,10 +37,6 @@ def accumulator_volumes(
     shifted : m³, difference of the piston areas times half the stroke; its sign does not matter.
     cooling, heating : K, at least 0, from the reference temperature to the coldest and to the hottest.
 
-    Returns
-    -------
-    Gas volume and oil volume, m³, each rounded up to 10 cm³.
-
     Examples
     --------
     The prototype's axis (Table 4.21, 2 V_o in each chamber), 40 °C, 10 to 70 °C:
@@ -58,9 +49,6 @@ def accumulator_volumes(
     taken = per_kelvin * cooling + loaded_oil * relief_pressure / bulk_modulus + shift
     given = per_kelvin * heating + shift
     gas = max(given * HIGHEST / (HIGHEST - 1.0), taken * LOWEST / (1.0 - LOWEST))
-    return _rounded_up(gas), _rounded_up(RESERVE * taken)
-
-
-def _rounded_up(volume: float) -> float:
     # Less a hair: 20 cm³ that a sum gives as 20.000000000000004 stay 20.
-    return STEP_M3 * math.ceil(volume / STEP_M3 - 1e-9)
+    gas, oil = (STEP_M3 * math.ceil(volume / STEP_M3 - 1e-9) for volume in (gas, RESERVE * taken))
+    return gas, oil

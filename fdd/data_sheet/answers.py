@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from fdd.bounds import LONGEST_NAME, MAX_ANSWER_BYTES
 from fdd.errors import InputError
@@ -34,11 +31,6 @@ class Question:
     assumed: str | None = None
     also: str | None = None
     path: str | None = None
-
-    @property
-    def dimensions(self) -> tuple[str, ...]:
-        """What the answer may measure."""
-        return tuple(measure(u).dimension for u in (self.unit, self.also) if u is not None)
 
 
 def _questions() -> dict[str, Question]:
@@ -78,9 +70,7 @@ class Answers:
     def of(cls, given: Mapping[str, Any], where: str | Path = "answers") -> Answers:
         """Check and convert answers as they are typed; `where` is named in errors.
 
-        Raises
-        ------
-        InputError : an unknown or missing key, or an answer that cannot be; one line names it.
+        Raises InputError: an unknown or missing key, or an answer that cannot be; one line names it.
 
         Examples
         --------
@@ -114,9 +104,7 @@ class Answers:
 def read_answers(path: str | Path) -> Answers:
     """Read a flat YAML or JSON file of answers.
 
-    Raises
-    ------
-    InputError : no such file, not flat, or an answer that cannot be.
+    Raises InputError: no such file, not flat, or an answer that cannot be.
 
     Examples
     --------
@@ -126,33 +114,15 @@ def read_answers(path: str | Path) -> Answers:
     fdd.errors.InputError: none.yaml: no such file of answers; give a YAML or JSON file with one answer a line
     """
     path = Path(path)
-    text = yaml_text(path, KIND, MAX_ANSWER_BYTES, MEND)
-    if path.suffix.lower() != ".json":
-        return Answers.of(yaml_mapping(text, path, KIND, mend=MEND), path)
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not valid JSON ({error})", where=path, mend=MEND) from None
-    if not isinstance(data, dict):
-        raise InputError(f"not a {KIND}", where=path, mend=MEND)
-    return Answers.of(data, path)
+    text = yaml_text(path, KIND, MAX_ANSWER_BYTES, MEND)  # JSON is YAML too
+    return Answers.of(yaml_mapping(text, path, KIND, mend=MEND), path)
 
 
 def parsed(question: Question, answer: object) -> tuple[str, float]:
-    """One answer in SI, with its unit checked and its size.
+    """Key (``leakage_flow`` of leakage given as a flow) and value, SI, of an answer as ``"26 MPa"``; a plain
+    number is in the SI unit.
 
-    Parameters
-    ----------
-    answer : ``"26 MPa"``, or a plain number in the SI unit.
-
-    Returns
-    -------
-    Key (of leakage given as a flow: ``leakage_flow``) and value.
-
-    Raises
-    ------
-    InputError : no number, a unit that measures something else, or outside the question's range;
-        then the units in which the number would do are named.
+    Raises InputError: no number, a unit that measures something else, or outside the question's range.
 
     Examples
     --------
@@ -166,13 +136,10 @@ def parsed(question: Question, answer: object) -> tuple[str, float]:
     text = str(answer)
     found = None if isinstance(answer, bool) or len(text) > LONGEST_NAME else _NUMBER.match(text)
     if found is None:
-        raise InputError(
-            f"{text[:40]!r} is no number with a unit",
-            where=question.key,
-            mend=f"write e.g. '1.5 {question.unit}', with a decimal point",
-        )
+        mend = f"write e.g. '1.5 {question.unit}', with a decimal point"
+        raise InputError(f"{text[:40]!r} is no number with a unit", where=question.key, mend=mend)
     number, unit = float(found[1]), found[2] or question.unit
-    allowed = question.dimensions
+    allowed = [measure(u).dimension for u in (question.unit, question.also) if u is not None]
     measured = MEASURES.get(unit)
     if measured is None or measured.dimension not in allowed:
         try:  # units that the table lacks, as N/mm^2
@@ -182,22 +149,14 @@ def parsed(question: Question, answer: object) -> tuple[str, float]:
     value = measured.factor * number + measured.offset
     if measured.dimension != allowed[0]:
         return f"{question.key}_flow", value
-    if not (np.isfinite(value) and question.low <= value <= question.high):
-        raise InputError(
-            f"{number:g} {unit} is not between {question.low:g} and {question.high:g} {question.unit}",
-            where=question.key,
-            mend=_meant(question, number, unit),
-        )
-    return question.key, value
-
-
-def _meant(question: Question, number: float, unit: str) -> str:
-    """Units in which the number would be in the range: bar given as Pa, and the like."""
-    fitting: dict[float, str] = {}
+    low, high = question.low, question.high
+    if low <= value <= high:
+        return question.key, value
+    fitting: dict[float, str] = {}  # units in which the number would do: bar given as Pa, and the like
     for name, m in MEASURES.items():
-        other = m.dimension == question.dimensions[0] and name not in ("", unit)
-        if other and question.low <= m.factor * number + m.offset <= question.high:
+        other = m.dimension == allowed[0] and name not in ("", unit)
+        if other and low <= m.factor * number + m.offset <= high:
             fitting.setdefault(m.factor, f"{number:g} {name}")
-    if not fitting:
-        return "correct it"
-    return f"did you mean {' or '.join(fitting.values())}?"
+    mend = f"did you mean {' or '.join(fitting.values())}?" if fitting else "correct it"
+    problem = f"{number:g} {unit} is not between {low:g} and {high:g} {question.unit}"
+    raise InputError(problem, where=question.key, mend=mend)

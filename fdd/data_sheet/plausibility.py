@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from fdd.data_sheet.answers import QUESTIONS
@@ -23,21 +22,24 @@ WARMING_K = 20.0
 """Between cold and warm oil in service, which the accumulator has to take."""
 
 
-@dataclass(frozen=True)
-class Remark:
-    """Something odd about a profile.
+class Remark(NamedTuple):
+    """Something that may be odd about a profile.
 
     Attributes
     ----------
+    impossible : no actuator is like that; else it is only unusual.
     keys : the data sheet's numbers that it is about, the likeliest culprit first.
     problem : with figures. mend : what to look at.
-    impossible : no actuator is like that; else it is only unusual.
     """
 
+    odd: bool
+    impossible: bool
     keys: tuple[str, ...]
     problem: str
     mend: str
-    impossible: bool = False
+
+
+Remarks = Iterator[tuple[bool, bool, tuple[str, ...], str, str]]
 
 
 class Derived(NamedTuple):
@@ -90,48 +92,27 @@ def resonance(unit: Unit) -> float:
     return math.sqrt(stiffness(unit) / unit.cylinder.moving_mass) / (2.0 * math.pi)
 
 
-def unit_remarks(unit: Unit) -> list[Remark]:
-    """What is odd about a profile, the impossible first.
+def unit_remarks(unit: Unit, sheet: dict[str, float] | None = None) -> list[Remark]:
+    """What is odd about a profile and in its data `sheet` (SI), the impossible first.
 
     Examples
     --------
     >>> unit_remarks(Unit.load("axis_a"))
     []
     """
-    return _odd(*_ranges(unit), *_cylinder(unit), *_accumulator(unit), *_machine(unit))
-
-
-def sheet_remarks(unit: Unit, values: dict[str, float]) -> list[Remark]:
-    """`unit_remarks`, and what the sheet's own figures (SI) say beside each other."""
-    return _odd(*_sheet(values), *_ranges(unit), *_cylinder(unit), *_accumulator(unit), *_machine(unit))
+    of_sheet = () if sheet is None else _sheet(sheet)
+    parts = (of_sheet, _ranges(unit), _cylinder(unit), _accumulator(unit), _machine(unit))
+    odd = [remark for part in parts for remark in map(Remark._make, part) if remark.odd]
+    return sorted(odd, key=lambda remark: not remark.impossible)
 
 
 def require_plausible(remarks: list[Remark], where: str) -> None:
-    """Refuse what cannot be.
-
-    Raises
-    ------
-    InputError : the first impossible remark.
-    """
-    for remark in remarks:
-        if remark.impossible:
-            raise InputError(remark.problem, where=where, mend=remark.mend)
+    """Raise the first of `unit_remarks` as an InputError, where it cannot be."""
+    if remarks and remarks[0].impossible:
+        raise InputError(remarks[0].problem, where=where, mend=remarks[0].mend)
 
 
-Check = tuple[bool, bool, tuple[str, ...], str, str]
-"""Whether something is odd, and whether it is impossible; then what a `Remark` says of it."""
-
-
-def _odd(*checks: Check) -> list[Remark]:
-    remarks = [
-        Remark(keys, problem, mend, impossible)
-        for odd, impossible, keys, problem, mend in checks
-        if odd or impossible
-    ]
-    return sorted(remarks, key=lambda remark: not remark.impossible)
-
-
-def _ranges(unit: Unit) -> Iterator[Check]:
+def _ranges(unit: Unit) -> Remarks:
     for q in QUESTIONS.values():
         if q.path is not None:
             section, name = q.path.split(".")
@@ -143,7 +124,7 @@ def _ranges(unit: Unit) -> Iterator[Check]:
             yield outside, outside, (q.key,), problem, "check its unit of measure"
 
 
-def _cylinder(unit: Unit) -> Iterator[Check]:
+def _cylinder(unit: Unit) -> Remarks:
     c = unit.cylinder
     factor = max(c.area_2 / c.area_1, c.area_1 / c.area_2)
     yield (
@@ -164,7 +145,7 @@ def _cylinder(unit: Unit) -> Iterator[Check]:
         yield volume > 30.0 * swept, volume > 300.0 * swept, keys, problem, "check volume, stroke and area"
 
 
-def _accumulator(unit: Unit) -> Iterator[Check]:
+def _accumulator(unit: Unit) -> Remarks:
     """The gas gives way to what the rod displaces and to the warming oil, else the circuit cannot move."""
     a, c = unit.accumulator, unit.cylinder
     chambers = c.volume_1 + c.volume_2
@@ -179,7 +160,7 @@ def _accumulator(unit: Unit) -> Iterator[Check]:
     yield a.gas_volume > 30.0 * chambers, a.gas_volume > 300.0 * chambers, keys, much, mend
 
 
-def _machine(unit: Unit) -> Iterator[Check]:
+def _machine(unit: Unit) -> Remarks:
     a, c, d = unit.accumulator, unit.cylinder, unit.drive
     keys: tuple[str, ...] = ("charge_pressure", "relief_pressure")
     above, charge = a.charge_pressure >= a.relief_pressure, f"the charge, {_bar(a.charge_pressure)}, is"
@@ -214,7 +195,7 @@ def _machine(unit: Unit) -> Iterator[Check]:
     yield not 2.0 <= frequency <= 2000.0, False, keys, problem, "check mass, volumes and bulk modulus"
 
 
-def _sheet(values: dict[str, float]) -> Iterator[Check]:
+def _sheet(values: dict[str, float]) -> Remarks:
     """What the sheet's own figures say beside each other."""
     flow, ideal = values["rated_flow"], values["pump_displacement"] * values["max_speed"]
     ratio = flow / ideal
@@ -232,11 +213,9 @@ def _sheet(values: dict[str, float]) -> Iterator[Check]:
     yield below, below, keys, f"{setting} below the rated {_bar(rated)}", "check both units"
     problem = f"{setting} far above the rated {_bar(rated)}"
     yield relief > 2.0 * rated, False, keys, problem, "check both units of measure"
-    keys, problem = (
-        ("pressure_full_scale", "rated_pressure"),
-        f"the pressure sensors end at {_bar(end)}, below",
-    )
-    yield end < rated, False, keys, f"{problem} the rated {_bar(rated)}", "check both units of measure"
+    keys = ("pressure_full_scale", "rated_pressure")
+    problem = f"the pressure sensors end at {_bar(end)}, below the rated {_bar(rated)}"
+    yield end < rated, False, keys, problem, "check both units of measure"
     lost = values["leakage"] * rated / flow
     problem = f"at the rated pressure {lost:.0%} of the rated flow leaks away"
     yield lost > 0.5, lost > 0.5, ("leakage",), problem, "check the leakage and its unit"

@@ -30,9 +30,7 @@ def typed_unit(answers: Answers) -> Unit:
 
     Each number has its source, and the usual error of such sheets as its standard deviation.
 
-    Raises
-    ------
-    InputError : the name is none.
+    Raises InputError: the name is none.
     """
     v = completed(answers.values)
     profile: dict[str, Any] = {

@@ -44,12 +44,7 @@ class Side:
 
 
 def compare(a: Side, b: Side, unit: Unit) -> tuple[Comparison, list[Spectrum]]:
-    """What changed from log `a` to log `b`, both diagnosed on the profile `unit`.
-
-    Returns
-    -------
-    The answer, and the spectra that its lines are of.
-    """
+    """What changed from log `a` to `b`, both diagnosed on the profile `unit`; the spectra of its lines."""
     measured = has(a.samples, "oil_temperature") and has(b.samples, "oil_temperature")
     both = (a.answer.estimates, b.answer.estimates)
     changes = [_change(name, both[0][name], both[1][name], unit, measured) for name in both[0]]
@@ -60,10 +55,9 @@ def compare(a: Side, b: Side, unit: Unit) -> tuple[Comparison, list[Spectrum]]:
     warm = "Oil temperature is not measured in both logs: leakage is compared as it was."
     notes = [] if measured else [warm]
     notes += [note for note in a.answer.quality.notes if note in b.answer.quality.notes]
-    blind = [ESTIMATED[c.quantity][2].lower() for c in changes if c.changed is None]
-    if blind:
+    if blind := [ESTIMATED[c.quantity][2].lower() for c in changes if c.changed is None]:
         notes.append(f"Not shown by both logs: {', '.join(blind)}.")
-    misfits = [_misfits(side.trajectories) for side in (a, b)]
+    one, other = (_misfits(side.trajectories) for side in (a, b))
     same = ("log", "started_at", "duration_s", "verdict", "faults")
     said = [
         LogSaid(**{name: getattr(x.answer, name) for name in same}, notes=x.answer.quality.notes)
@@ -72,8 +66,7 @@ def compare(a: Side, b: Side, unit: Unit) -> tuple[Comparison, list[Spectrum]]:
     found = Comparison(
         headline=_headline(changes, a.answer, b.answer), unit=unit.name, axis=a.answer.axis,
         a=said[0], b=said[1], test=TEST, estimates=changes, notes=notes,
-        balances=[Closure(balance=n, a=misfits[0].get(n), b=misfits[1].get(n))
-                  for n in dict.fromkeys([*misfits[0], *misfits[1]])],
+        balances=[Closure(balance=n, a=one.get(n), b=other.get(n)) for n in dict.fromkeys([*one, *other])],
         duty=duty_rows(a.samples, b.samples), lines=changed_lines(spectra, a.samples, b.samples),
     )  # fmt: skip
     return found, spectra
@@ -141,9 +134,9 @@ def _headline(changes: list[EstimateChange], a: Diagnosis, b: Diagnosis) -> str:
 
 
 def _misfits(found: Trajectories) -> dict[str, float]:
-    # Frames without information on a balance are 0.
     return {
         name: float(f"{np.sqrt(np.mean(np.square(part))):.4g}")
         for name, column in zip(found.feature_names, found.features.T, strict=True)
+        # Frames without information on a balance are 0.
         if (part := column[column != 0.0]).size >= LEAST_INFORMATIVE_FRAMES
     }

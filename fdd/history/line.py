@@ -31,11 +31,11 @@ LEAST_SPREAD = 0.06
 
 @dataclass(frozen=True)
 class Line:
-    """Coefficients and what they are worth.
+    """Coefficients (p,) and what they are worth.
 
     Attributes
     ----------
-    coefficients : (p,). covariance : (p, p). between : τ, std from log to log. freedom : of Student's t.
+    between : τ, std from log to log. freedom : of Student's t.
     log_likelihood : the largest there is over coefficients and scale, to compare designs by.
     """
 
@@ -124,11 +124,11 @@ def fit_line(values: Array, stds: Array, design: Array, between: float = 0.0) ->
 
 @dataclass(frozen=True)
 class Fitted:
-    """A line whose values are at one temperature.
+    """A line whose values, (n,), are at one temperature.
 
     Attributes
     ----------
-    line : of intercept, slope and, with a regression, what goes with the temperature. values, stds : (n,).
+    line : of intercept, slope and, with a regression, what goes with the temperature.
     way : how temperature was taken out. gain : log likelihood over the other way; None without choice.
     """
 
@@ -184,9 +184,8 @@ def fit_over_time(
 
 def holm(p_values: list[float]) -> list[float]:
     """p values made larger for how many there are, by Holm's step-down rule."""
-    order = np.argsort(p_values)
     least, out = 0.0, [0.0] * len(p_values)
-    for rank, k in enumerate(order):
+    for rank, k in enumerate(np.argsort(p_values)):
         least = max(least, min((len(p_values) - rank) * p_values[k], 1.0))
         out[k] = least
     return out

@@ -50,16 +50,14 @@ class Course:
 
 
 def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -> tuple[Life, list[Course]]:
-    """The life of a unit, from the answers of its logs.
+    """The life of a unit, from the answers of its logs, or of `each` of its hours or days.
 
     Parameters
     ----------
     answers : of one profile and axis, in any order, those of unreadable logs among them.
-    limits : of the profile's, by `severity_one` or `given_limits`. each : what one answer is of.
+    limits : of the profile's, by `severity_one` or `given_limits`.
 
-    Raises
-    ------
-    InputError : answers of several units, or none at all.
+    Raises InputError: answers of several units, or none at all.
     """
     read = [a for a in answers if a.error is None]
     if not read:
@@ -71,20 +69,23 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -
                 mend="give the logs of one unit, with one --unit and --axis",
             )
     dated = all(a.started_at for a in read)
-    stamps = {id(a): datetime.fromisoformat(a.started_at or "").timestamp() if dated else 0.0 for a in read}
-    read.sort(key=lambda a: (stamps[id(a)], a.log))
-    start, per = stamps[id(read[0])], "day" if dated else "log"
-    at = {id(a): (stamps[id(a)] - start) / DAY_S if dated else float(k) for k, a in enumerate(read)}
+
+    def began(answer: Diagnosis) -> float:
+        return datetime.fromisoformat(answer.started_at or "").timestamp() if dated else 0.0
+
+    read.sort(key=lambda a: (began(a), a.log))
+    start, per = began(read[0]), "day" if dated else "log"
+    at = [(began(a) - start) / DAY_S if dated else float(k) for k, a in enumerate(read)]
     logs = []
-    for answer in [*read, *(a for a in answers if a.error is not None)]:
+    for answer, day in [*zip(read, at, strict=True), *((a, None) for a in answers if a.error is not None)]:
         failed = any(f.family == "sensor" for f in answer.faults)
         logs.append(TrendLog(
-            log=answer.log, started_at=answer.started_at, at=at.get(id(answer)), verdict=answer.verdict,
+            log=answer.log, started_at=answer.started_at, at=day, verdict=answer.verdict,
             faults=[f.fault for f in answer.faults],
             left_out="a sensor failed: its estimates do not count" if failed else answer.error,
         ))  # fmt: skip
-    counted = [a for a, log in zip(read, logs, strict=False) if log.left_out is None]
-    fitted = [_fit(name, counted, at, limits.get(name, (None, None)), each) for name in ESTIMATED]
+    counted = [(a, t) for a, t, log in zip(read, at, logs, strict=False) if log.left_out is None]
+    fitted = [_fit(name, counted, limits.get(name, (None, None)), each) for name in ESTIMATED]
     courses = [c for c in fitted if c is not None]
     trends = [c.trend for c in courses]
     told = [t for t in trends if t.p_value is not None]
@@ -95,11 +96,11 @@ def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -
             trend.direction = "rises" if (trend.slope or 0.0) > 0.0 else "falls"
         _tell(trend, per)
     notes = [] if dated else [UNDATED]
-    ends = [at[id(a)] + a.duration_s / DAY_S for a in read]
-    if dated and any(at[id(b)] < end - 1.0 / DAY_S for b, end in zip(read[1:], ends, strict=False)):
+    ends = [t + a.duration_s / DAY_S for a, t in zip(read, at, strict=True)]
+    if dated and any(t < end - 1.0 / DAY_S for t, end in zip(at[1:], ends, strict=False)):
         notes.append(OVERLAPPING)
     headline = _headline(trends, logs, each, warned=bool(notes))
-    if counted and not np.ptp(_warmth(counted)):
+    if counted and not np.ptp(_warmth([a for a, _ in counted])):
         notes.append(f"No {each} tells an oil temperature of its own: none is taken out.")
     life = Life(
         headline=headline, unit=read[0].unit, axis=read[0].axis, order="started_at" if dated else "name",
@@ -115,37 +116,34 @@ def _warmth(answers: Sequence[Diagnosis]) -> Array:
 
 
 def _fit(
-    name: str, answers: Sequence[Diagnosis], at: dict[int, float], limit: tuple[float | None, float | None],
+    name: str, counted: Sequence[tuple[Diagnosis, float]], limit: tuple[float | None, float | None],
     each: Each,
 ) -> Course | None:  # fmt: skip
     """The quantity over time; None where no log shows it."""
     shown = [
-        (a, pair[0] / e.baseline, pair[1] / e.baseline)
-        for a in answers
+        (a, t, pair[0] / e.baseline, pair[1] / e.baseline)
+        for a, t in counted
         if (e := a.estimates[name]).baseline and (pair := seen(e)) is not None
     ]
     if not shown:
         return None
-    time, factors, stds = (np.array(x) for x in zip(*((at[id(a)], v, s) for a, v, s in shown), strict=True))
+    answers, *columns = zip(*shown, strict=True)
+    time, factors, stds = map(np.array, columns)
     span = float(np.ptp(time))
 
     def as_points(values: Array, stds: Array) -> list[Point]:
-        rows = zip((a.log for a, _, _ in shown), time, values, stds, strict=True)
-        return [Point(log=log, at=float(t), value=float(v), std=float(s)) for log, t, v, s in rows]
+        rows = zip(answers, time.tolist(), values.tolist(), stds.tolist(), strict=True)
+        return [Point(log=a.log, at=t, value=v, std=s) for a, t, v, s in rows]
 
     if len(shown) < LEAST_LOGS or span <= 0.0:
         count = f"{len(shown)} {each} shows" if len(shown) == 1 else f"{len(shown)} {each}s show"
-        why = f"{count} it; a line needs {LEAST_LOGS}, at several times"
-        untold = Trend(
-            quantity=name, temperature="not taken out", sentence=why, points=as_points(factors, stds)
-        )
+        why, points = f"{count} it; a line needs {LEAST_LOGS}, at several times", as_points(factors, stds)
+        untold = Trend(quantity=name, temperature="not taken out", sentence=why, points=points)
         return Course(untold, *[np.empty(0)] * 3)
     # From the last log backwards, in spans of all: numbers near one, and what is wanted of it at hand.
     scaled = (time - time[-1]) / span
-    warmth, between = _warmth([a for a, _, _ in shown]), BETWEEN[name]
-    found = fit_over_time(scaled, factors, stds, warmth, between, leaks=name == "leakage")
-    line = found.line
-    grid = np.linspace(scaled.min(), 0.0, 100)
+    found = fit_over_time(scaled, factors, stds, _warmth(answers), BETWEEN[name], leaks=name == "leakage")
+    line, grid = found.line, np.linspace(scaled.min(), 0.0, 100)
     design = np.zeros((grid.size, line.coefficients.size))
     design[:, 0], design[:, 1] = 1.0, grid
     middle, half = line.band(design)
@@ -235,9 +233,7 @@ def severity_one(unit: Unit) -> Limits:
 def given_limits(texts: Sequence[str]) -> Limits:
     """Limits as a command line gives them.
 
-    Raises
-    ------
-    InputError : no such quantity, or no factor.
+    Raises InputError: no such quantity, or no factor.
 
     Examples
     --------

@@ -44,7 +44,7 @@ def compare_sheet(found: Comparison, spectra: Sequence[Spectrum]) -> Sheet:
         )
         told = f": {faults}" if faults else ""
         verdicts.append(f"{name}: {said.log}, {said.verdict} in {span(said.duration_s)}{told}")
-    figures = []
+    how, figures = "Welch's power density of what both logs measure, segments of 2 s.", []
     for s in spectra:
         si = CHANNELS[s.channel].unit
         factor, unit = SHOWN.get(si, (1.0, si))
@@ -60,18 +60,16 @@ def compare_sheet(found: Comparison, spectra: Sequence[Spectrum]) -> Sheet:
         kicker=f"{found.a.log} (A) and {found.b.log} (B), unit {found.unit}, axis {found.axis}",
         headline=found.headline,
         kind="inconclusive" if quiet and blind else "healthy" if quiet else "faulty",
-        remarks=[*verdicts, *found.notes],
-        tables=_compare_tables(found),
-        sections=[
-            Section("Spectra", "Welch's power density of what both logs measure, segments of 2 s.", figures)
-        ],
-    )
+        remarks=[*verdicts, *found.notes], tables=_compare_tables(found),
+        sections=[Section("Spectra", how, figures)],
+    )  # fmt: skip
 
 
 def _compare_tables(found: Comparison) -> list[Table]:
     """Estimates, balances, duty and spectral lines."""
-    given = [f"{ESTIMATED[c.quantity][2].lower()} {c.conditions}" for c in found.estimates if c.conditions]
-    conditions = "; ".join(given)
+    conditions = "; ".join(
+        f"{ESTIMATED[c.quantity][2].lower()} {c.conditions}" for c in found.estimates if c.conditions
+    )
     balances: list[tuple[str, ...]] = [
         (BALANCES[c.balance].title if c.balance in BALANCES else c.balance,
          number(c.a, 3), number(c.b, 3), number(c.b / c.a if c.a and c.b else None, 3))
@@ -169,8 +167,7 @@ def _trend_tables(life: Life) -> list[Table]:
         )
         for x in life.logs
     ]
-    logs_title = f"{life.each.capitalize()}s"
-    spread = f"Std of {life.each}s"
+    logs_title, spread = f"{life.each.capitalize()}s", f"Std of {life.each}s"
     heads = ("Quantity", logs_title, "Temperature", spread, "First", "Last", "p (Holm)", "Trend")
     return [
         Table(
@@ -204,8 +201,7 @@ def trend_csv(life: Life) -> str:
 def _course_figure(course: Course, life: Life) -> Figure:
     trend = course.trend
     alarmed = {x.log for x in life.logs if x.faults}
-    dated = (x.started_at for x in life.logs if x.at == 0.0 and life.order == "started_at")
-    start = next(dated, None)
+    start = next((x.started_at for x in life.logs if x.at == 0.0 and life.order == "started_at"), None)
 
     def places(at: NDArray[np.float64]) -> Any:
         """Dates, or the logs' numbers."""

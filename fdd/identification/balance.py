@@ -78,7 +78,7 @@ class BalanceFit:
 def fit_balance(
     logs: LogBalances, steps: VolumeSteps, unit: Unit, *, split: bool, hidden: bool
 ) -> BalanceFit | None:
-    """Fit the balances.
+    """Fit the balances; None where there are too few steps.
 
     Bounded least squares with a Huber loss, the base with its tolerances as prior, and the known
     noise of the pressures taken out of the normal equations, without which it would bias 1/β to zero.
@@ -91,10 +91,6 @@ def fit_balance(
     split : whether the log can tell cross-port from case leakage; else they keep the base's proportion.
     hidden : whether the chambers' pressures are reconstructed: these tell nothing of how compliance changes
         with pressure, and air stays the base's.
-
-    Returns
-    -------
-    The fit, or None where there are too few steps.
     """
     if steps.y.size < LEAST_ROWS:
         return None
@@ -121,10 +117,7 @@ class _Solution:
 
 
 class _Problem:
-    """The regression with its noise, prior and bounds.
-
-    `warmed` tells that the oil's temperature, and so its swelling, is known.
-    """
+    """The regression with its noise, prior and bounds; `warmed`: whether the oil's swelling is known."""
 
     def __init__(
         self, logs: LogBalances, steps: VolumeSteps, unit: Unit, *, split: bool = True, warmed: bool = True,
@@ -137,14 +130,12 @@ class _Problem:
             m = steps.m.copy()
             m[:, Term.CROSS] += self.tied * m[:, Term.CASE]
             steps = replace(steps, m=m)
-        self.steps = steps
-        self.unit = unit
-        self.reference_pressure = logs.pressure
+        self.steps, self.unit, self.reference_pressure = steps, unit, logs.pressure
         per_row = np.where(steps.chamber == 1, *logs.noise)
         self.noise = steps.noise * per_row[:, None, None]
         scale, oil, pump = scales(unit), unit.oil, unit.pump
         air, known = max(oil.air_fraction, LEAST_AIR), tolerance(unit, "pump.leakage")
-        compliance = unit.oil.bulk_modulus / modulus_at(oil, logs.pressure)
+        compliance = oil.bulk_modulus / modulus_at(oil, logs.pressure)
         free = oil.bulk_modulus * air * float(air_compliance(logs.pressure, oil.polytropic_index))
         # What the base's bulk modulus is off by moves the ports' density as κ does.
         inlet = float(np.hypot(TOLERANCES["pump.inlet"][0], 1.5 * tolerance(unit, "oil.bulk_modulus")))
@@ -201,11 +192,10 @@ class _Problem:
         free[Term.CASE] = self.tied is None
         pull = OVERLAP * sigma**2 / self.prior_spread**2
         full = information + np.diag(pull)
-        share = 1.0
         scale = np.sqrt(np.diag(full))
         scaled = (full / np.outer(scale, scale))[np.ix_(free, free)]
         taken = (noise / np.outer(scale, scale))[np.ix_(free, free)]
-        floor = 1e-3 * float(np.linalg.eigvalsh(scaled)[0])
+        share, floor = 1.0, 1e-3 * float(np.linalg.eigvalsh(scaled)[0])
         while share > 1e-3 and float(np.linalg.eigvalsh(scaled - share * taken)[0]) < floor:
             share *= 0.7  # more noise assumed than there is in these rows: take less of it out
         root = np.linalg.cholesky(scaled - (share if share > 1e-3 else 0.0) * taken).T
@@ -253,19 +243,18 @@ class _Problem:
         std = np.sqrt(jackknife_std(others) ** 2 + np.sum((np.array(shifted) - about) ** 2, axis=0))
         if self.tied is not None:
             # One chamber at the case's pressure sees cross-port + case leakage, whatever they share.
-            cross, case = value[2:4]
-            moved = 0.5 * cross * case / max(cross + case, 1e-30)
+            moved = 0.5 * value[2] * value[3] / max(value[2] + value[3], 1e-30)
             std[4] = np.hypot(std[4], TOLERANCES["pump.case_share"][0] * moved)
         told = np.diag(total[0])
         flows = float(np.sqrt(told[Term.DISPLACEMENT] / max(told[Term.CROSS], 1e-300)))
         std[[2, 4]] = np.hypot(std[[2, 4]], SLIP * flows * scales(self.unit)[Term.CROSS])
-        estimates = [
+        displacement, area_2, cross_port, case, total_leakage, compliance, air = (
             Estimate(float(v), float(s)).wider(f) for v, s, f in zip(value, std, _FLOORS, strict=True)
-        ]
-        beta = 1.0 / max(estimates[5].value, 1e-14)
+        )
+        beta = 1.0 / max(compliance.value, 1e-14)
         bounded = np.array([self.derive(t) for t in self.jackknife(solution, free_area)])
         # Of the rows alone, the area's change kept at zero.
-        free = [k for k in range(len(Term)) if k != Term.AREA_2]
+        free = [k for k in Term if k != Term.AREA_2]
         inside = total[0][np.ix_(free, free)] / (OVERLAP * max(solution.sigma, 1e-15) ** 2)
         scale = np.sqrt(np.maximum(np.diag(inside), 1e-300))
         inverse = np.linalg.pinv(inside / np.outer(scale, scale), rcond=1e-12)
@@ -276,21 +265,14 @@ class _Problem:
         theta = solution.theta.copy()
         if self.tied is not None:
             theta[Term.CASE] = self.tied * theta[Term.CROSS]
+        known = spread_of < 0.5 * self.prior_spread
         return BalanceFit(
-            displacement=estimates[0],
-            area_2=estimates[1] if free_area else None,
-            cross_port=estimates[2],
-            case=estimates[3],
-            total_leakage=estimates[4],
-            bulk_modulus=Estimate(beta, estimates[5].std * beta**2),
-            air_fraction=estimates[6],
-            theta=theta,
-            compliances=bounded[:, 5:7],
-            split_known=self.tied is None and bool(spread_of[Term.CASE] < 0.5 * self.prior_spread[Term.CASE]),
-            air_known=bool(spread_of[Term.AIR] < 0.5 * self.prior_spread[Term.AIR]),
-            rows=int(self.steps.y.size),
+            displacement, area_2 if free_area else None, cross_port, case, total_leakage,
+            bulk_modulus=Estimate(beta, compliance.std * beta**2), air_fraction=air, theta=theta,
+            compliances=bounded[:, 5:7], split_known=self.tied is None and bool(known[Term.CASE]),
+            air_known=bool(known[Term.AIR]), rows=int(self.steps.y.size),
             signal_over_noise=float(np.std(compression)) / level,
-        )
+        )  # fmt: skip
 
     def derive(self, theta: Array) -> tuple[float, ...]:
         """Physical numbers of a solution, compressibility as compliance (1/Pa)."""

@@ -85,19 +85,14 @@ def curve(branch: FrictionBranch, speed: Array) -> Array:
 def fit_friction(
     records: list[Record], cylinder: Cylinder, base: Friction, zero_force: float = 0.0
 ) -> tuple[dict[str, BranchFit], list[str]]:
-    """Identify both directions' curves.
+    """Curves with standard deviations by direction, forward and reverse, but for those where the base's is
+    kept; and notes: why, or how it was seen.
 
     Parameters
     ----------
-    records : the logs. cylinder : areas (as identified) and moving mass.
-    base : its curves give the shape where the data do not.
+    cylinder : areas (as identified) and moving mass. base : its curves give the shape where the data do not.
     zero_force : N, standard deviation of the force that the pressure sensors' zeros feign; it shifts
         both directions' friction, in opposite senses.
-
-    Returns
-    -------
-    Curves with standard deviations by direction, forward and reverse, but for those where the base's is kept;
-    and notes: why, or how it was seen.
     """
     motion = steady_motion(records, cylinder)
     if gusty(motion, base):
@@ -110,7 +105,7 @@ def fit_friction(
         "forward": _branch(motion, 1.0, base.forward, forward, zero_force),
         "reverse": _branch(motion, -1.0, base.reverse, reverse, zero_force),
     }
-    return {direction: fit for direction, fit in fits.items() if fit is not None}, notes
+    return {direction: fit for direction, fit in fits.items() if fit}, notes
 
 
 def steady_motion(records: list[Record], cylinder: Cylinder) -> Motion:
@@ -224,13 +219,12 @@ def _through_gusts(
     told = f"friction seen through gusts is {factor:.2g} ± {std:.1g} times the base's"
     if factor <= 0.0 or std > THROUGH_GUSTS * factor:
         return {}, [f"{told}: not sharp enough"]
-    fits = {}
+    fits, relative = {}, max(std / factor, 0.15)
     for direction, branch in (("forward", base.forward), ("reverse", base.reverse)):
         estimates = {}
         for name in FOUND:
-            value = factor * float(getattr(branch, name))
-            shift = 0.0 if name == "viscous" else zero_force
-            estimates[name] = Estimate(value, float(np.hypot(max(std / factor, 0.15) * value, shift)))
+            value, shift = factor * float(getattr(branch, name)), 0.0 if name == "viscous" else zero_force
+            estimates[name] = Estimate(value, float(np.hypot(relative * value, shift)))
         fits[direction] = BranchFit(estimates, f"the base's curve times {factor:.2g}, through gusts")
     return fits, [f"{told}: its curves were scaled"]
 
@@ -247,19 +241,14 @@ def _branch(
     few = np.count_nonzero(np.bincount(bins) >= 5) < 3
     solve = _scaled if few else _shaped
     whole, own = solve(speed, force, base, centre)
-    parts = []
-    for g in np.unique(block % _GROUPS):
-        keep = block % _GROUPS != g
-        if np.count_nonzero(keep) > 5:
-            parts.append(solve(speed[keep], force[keep], base, centre)[0])
+    kept_each = [block % _GROUPS != g for g in np.unique(block % _GROUPS)]
+    parts = [solve(speed[k], force[k], base, centre)[0] for k in kept_each if np.count_nonzero(k) > 5]
     jack = jackknife_std(np.array(parts)) if parts else np.zeros(3)
     shift = np.array([zero_force, zero_force, 0.0])
     total = np.sqrt(jack**2 + own**2 + shift**2 + (0.02 * whole) ** 2)
     estimates = {n: Estimate(float(x), float(s)) for n, x, s in zip(FOUND, whole, total, strict=True)}
-    note = f"{force.size * WINDOW:.1f} s of unloaded motion"
-    if few:
-        note += ", too few speeds: the base's curve scaled"
-    return BranchFit(estimates, note)
+    scaled = ", too few speeds: the base's curve scaled" if few else ""
+    return BranchFit(estimates, f"{force.size * WINDOW:.1f} s of unloaded motion{scaled}")
 
 
 def _scaled(speed: Array, force: Array, base: FrictionBranch, centre: float) -> tuple[Array, Array]:

@@ -39,13 +39,7 @@ SHOWN = {
 
 @dataclass(frozen=True)
 class Identified:
-    """A profile, and all that is known of how it came about.
-
-    Attributes
-    ----------
-    unit : the profile, with its healthy baseline and origin.
-    found : what changed against the base, and why the rest did not. judged : whether it may be used.
-    """
+    """A profile with its healthy baseline, what changed against the base, and whether it may be used."""
 
     unit: Unit
     found: Identification
@@ -104,12 +98,7 @@ def identify_logs(
     accept: bool = False,
     progress: Progress = unseen,
 ) -> Identified:
-    """As `identify`, with everything behind the profile; `progress` is told of the stages.
-
-    Raises
-    ------
-    InputError : as `identify`.
-    """
+    """As `identify`, with everything behind the profile; `progress` is told of the stages."""
     given, more = base if add is None else add, add is not None
     profile = given if isinstance(given, Unit) else Unit.load(given)
     _named(profile, name)
@@ -138,10 +127,8 @@ def identify_logs(
     with progress("judging"):
         judged = judge(found, unit, profile, samples, labels, more=more)
     if judged.refusals and not accept:
-        raise InputError(
-            judged.sentence,
-            mend="mend or leave out what is named, or --accept (accept=True) makes the profile all the same",
-        )
+        mend = "mend or leave out what is named, or --accept (accept=True) makes the profile all the same"
+        raise InputError(judged.sentence, mend=mend)
     start_ns = read[0].start_ns if isinstance(read[0], Log) else 0
     unit = _named(unit, name or _name_of(origin, profile, start_ns))
     unit.origin = origin.model_copy(update={"limits": judged.limits, "accepted": judged.refusals})
@@ -151,35 +138,23 @@ def identify_logs(
 def add_logs(
     logs: Sequence[Samples], profile: Unit, labels: Sequence[str] | None = None
 ) -> tuple[Identification, Unit]:
-    """Add healthy logs to a profile.
+    """Add healthy logs, which errors call `labels`, to an identified profile.
 
     A profile's numbers are the scale in which its balances are written, so they stay; what the logs tell
     goes into the balances, whose statistics add up.
 
-    Parameters
-    ----------
-    logs : more healthy logs of the unit. profile : identified, with its baseline. labels : of the logs.
+    Returns what the new logs alone identify, with the table of the balances before and after, and the profile
+    with the narrowed baseline.
 
-    Returns
-    -------
-    What the new logs alone identify, with the table of the balances before and after; the profile with the
-    narrowed baseline.
-
-    Raises
-    ------
-    InputError : the profile has no baseline of this version, or a log cannot be used.
+    Raises InputError: the profile has no baseline of this version, or a log cannot be used.
     """
     before = profile.baseline
-    if before is None or before.version != BASELINE_VERSION:
-        raise InputError(
-            f"profile {profile.name} has no healthy baseline of this version of fdd",
-            mend="identify it anew from all logs",
-        )
     columns = {n: list(b.columns) for n, b in BALANCES.items()}
-    if any(columns.get(name) != balance.columns for name, balance in before.balances.items()):
-        raise InputError(
-            f"profile {profile.name} has balances that this fdd does not know", mend="identify it anew"
-        )
+    if before is None or before.version != BASELINE_VERSION or any(
+        columns.get(name) != balance.columns for name, balance in before.balances.items()
+    ):  # fmt: skip
+        problem = f"profile {profile.name} has no healthy baseline of this version of fdd"
+        raise InputError(problem, mend="identify it anew from all logs")
     found = identify_unit(logs, profile, labels=labels)
     unit = profile.model_copy(deep=True)
     unit.baseline = after = baseline_of(histories_of(profile, logs), before)
@@ -187,13 +162,10 @@ def add_logs(
     for quantity, (balance, column) in SHOWN.items():
         if balance not in before.balances or balance not in after.balances:
             continue
-        k = before.balances[balance].columns.index(column)
+        both, k = (before.balances[balance], after.balances[balance]), columns[balance].index(column)
         # The gain's coefficient is the share of the pump's flow that moves nothing.
-        old, new = (
-            1.0 - b.balances[balance].mean[k] if column == "gain" else b.balances[balance].mean[k]
-            for b in (before, after)
-        )
-        old_std, std = (float(np.sqrt(b.balances[balance].covariance[k][k])) for b in (before, after))
+        old, new = (1.0 - b.mean[k] if column == "gain" else b.mean[k] for b in both)
+        old_std, std = (float(np.sqrt(b.covariance[k][k])) for b in both)
         rows.append(TableRow(quantity, "of the profile's", old, new, std, f"± {1.96 * old_std:.2g} before"))
     return replace(found, balances=rows, leakage=None), unit
 
@@ -208,10 +180,8 @@ def _origin_of(
         digest = _digest(log)
         name = f"log {number}" if isinstance(log, Samples) else log.name
         if digest in known:
-            where = log if isinstance(log, Path) else name
-            raise InputError(
-                f"the same as {known[digest]}, which counts already", where=where, mend="give each log once"
-            )
+            same = f"the same as {known[digest]}, which counts already"
+            raise InputError(same, where=log if isinstance(log, Path) else name, mend="give each log once")
         known[digest] = name
     now = datetime.now(UTC).isoformat(timespec="seconds")
     if more and profile.origin is not None:
@@ -241,9 +211,8 @@ def _named(unit: Unit, name: str | None) -> Unit:
     try:
         copy.name = unit.name if name is None else name
     except ValidationError:
-        raise InputError(
-            f"--name {name!r} is no name", mend="use 1 to 64 letters, digits, blanks, _ . and -"
-        ) from None
+        mend = "use 1 to 64 letters, digits, blanks, _ . and -"
+        raise InputError(f"--name {name!r} is no name", mend=mend) from None
     return copy
 
 

@@ -56,27 +56,14 @@ def identify_unit(
     Parameters
     ----------
     logs : one or more healthy logs of the same unit, at least 5 s each, with position, pump_angle or
-        pump_speed, and pressure_difference or both chamber pressures. Strokes at several speeds and
-        some load tell most.
+        pump_speed, and pressure_difference or both chamber pressures.
     base : profile of a similar unit; its area_1 is taken as true, and its volumes where strokes are too
         short to tell them (see `fdd.identification.volumes`).
     name : of the new profile; by default the base's with ``_identified``.
     labels : what errors call the logs, one each.
 
-    Returns
-    -------
-    Identification : unit, table and notes.
-
-    Raises
-    ------
-    InputError : no log, a channel missing, too short, nothing moves, or a gain so far from the base's
+    Raises InputError: no log, a channel missing, too short, nothing moves, or a gain so far from the base's
         that units of measure or the base must be wrong.
-
-    Examples
-    --------
-    >>> from fdd.logs.read import read_log  # doctest: +SKIP
-    >>> found = identify_unit([read_log("healthy.mcap").samples], Unit.load("axis_a"))  # doctest: +SKIP
-    >>> found.unit.save("unit.yaml")  # doctest: +SKIP
     """
     if not logs:
         raise InputError("no healthy log given", mend="give at least one")
@@ -87,7 +74,6 @@ def identify_unit(
         check_gain(record, base, label)
         check_pump(log, label)
     check_pressure_signs(records, base, labels)
-    jumps = sum(r.angle_jumps for r in records)
     unit = base.model_copy(deep=True)
     unit.baseline = unit.origin = None
     unit.name = name if name is not None else f"{base.name[:53]}_identified"
@@ -95,7 +81,7 @@ def identify_unit(
     seconds = sum(len(r) * r.period for r in records)
     unit.description = f"{source}, {seconds:.0f} s in all; based on {base.name}."
     out = Identification(unit, base, source)
-    if jumps:
+    if jumps := sum(r.angle_jumps for r in records):
         out.notes.append(f"the pump angle makes {jumps} impossible jumps: these moments were left out")
     hydraulics(out, records)
     _charge(out, records)
@@ -138,14 +124,9 @@ def hydraulics(
 ) -> Hydraulics | None:
     """Put displacement, leakage, volumes and compressibility into a profile; None for too few steps.
 
-    Parameters
-    ----------
-    out : the profile. records : logs.
-    pressure : Pa that compressibility is referred to; by default the logs' usual one.
+    Compressibility is referred to `pressure` (Pa), by default the logs' usual one.
 
-    Raises
-    ------
-    InputError : a gain or pressures that cannot be this unit's.
+    Raises InputError: a gain or pressures that cannot be this unit's.
     """
     base = _with_relief(out, records)
     logs = LogBalances(records, pressure)
@@ -161,8 +142,7 @@ def hydraulics(
     steps = logs.steps(base)
     # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
     told = all(r.accumulator_measured for r in records)
-    split = not hidden and told
-    fit = fit_balance(logs, steps, base, split=split, hidden=hidden)
+    fit = fit_balance(logs, steps, base, split=told and not hidden, hidden=hidden)
     if fit is None:
         why = "too few steps in which a chamber stays above the accumulator while it moves"
         _keep_gain(out, why)
@@ -171,8 +151,7 @@ def hydraulics(
         return None
     _put_gain(out, fit)
     _put_leakage(out, fit, logs.temperature, hidden)
-    single = base.cylinder.needs_pilots
-    blurred = HIDDEN_BULK[0 if told else 2 if single else 1] if hidden else 0.0
+    blurred = HIDDEN_BULK[0 if told else 2 if base.cylinder.needs_pilots else 1] if hidden else 0.0
     of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
     # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
     found = Hydraulics(
@@ -199,11 +178,9 @@ def _with_relief(out: Identification, records: list[Record]) -> Unit:
     if reached < RELIEF_EXCEEDED * setting:
         return out.base
     if reached > RELIEF_IMPOSSIBLE * setting:
-        raise InputError(
-            f"pressure differences reach {reached / 1e5:.3g} bar, the relief valve of base "
-            f"{out.base.name} opens at {setting / 1e5:.3g} bar",
-            mend="check the pressures' unit in the channel map",
-        )
+        valve = f"the relief valve of base {out.base.name} opens at {setting / 1e5:.3g} bar"
+        problem = f"pressure differences reach {reached / 1e5:.3g} bar, {valve}"
+        raise InputError(problem, mend="check the pressures' unit in the channel map")
     value = RELIEF_CLEARANCE * reached
     why = f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that"
     out.put("accumulator.relief_pressure", Estimate(value, 0.2 * value), why)
@@ -227,9 +204,8 @@ def _with_volumes(out: Identification, logs: LogBalances, base: Unit) -> tuple[U
             "the chambers' volumes stay the base's: compliance against position does not tell them"
         )
         return base, None
-    with_volumes = base.model_copy(deep=True)
-    fit.apply(with_volumes)
-    cylinder, gain = with_volumes.cylinder, fit.gain
+    base = fit.applied(base)
+    cylinder, gain = base.cylinder, fit.gain
     share = float(np.hypot(gain.relative if fit.of_volume else 0.0, fit.split.std))
     for name in ("volume_1", "volume_2"):
         value = float(getattr(cylinder, name))
@@ -238,16 +214,15 @@ def _with_volumes(out: Identification, logs: LogBalances, base: Unit) -> tuple[U
         compliance = Estimate(cylinder.position_compliance, gain.relative * cylinder.position_compliance)
         why = "no dead volume explains this: the mean volume stays the base's"
         out.put("cylinder.position_compliance", compliance, why)
-    return with_volumes, fit
+    return base, fit
 
 
 def _put_gain(out: Identification, fit: BalanceFit) -> None:
     ratio = fit.displacement.value / out.base.pump.displacement
     if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
-        raise InputError(
-            f"the volume balances give {ratio:.3g} times the displacement of base {out.base.name}",
-            mend="check units and signs in the channel map, or give a fitting base profile",
-        )
+        problem = f"the volume balances give {ratio:.3g} times the displacement of base {out.base.name}"
+        mend = "check units and signs in the channel map, or give a fitting base profile"
+        raise InputError(problem, mend=mend)
     sharp = GAIN_SHARP * tolerance(out.base, "pump.displacement")
     if not _better(out, fit.displacement, out.base.pump.displacement, sharp):
         _keep_gain(out, f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base")
@@ -348,15 +323,14 @@ def _charge(out: Identification, records: list[Record]) -> None:
 
 
 def _friction(out: Identification, records: list[Record]) -> None:
-    unit = out.unit
-    offset, tank, cylinder = redundancy_offset(records), out.base.accumulator, unit.cylinder
-    shift = max(zero_std(out.base), 0.0 if offset is None else abs(offset.value)) * cylinder.area_1
+    cylinder = out.unit.cylinder
+    shift = max(zero_std(out.base), abs(redundancy_offset(records))) * cylinder.area_1
     if not all(r.chambers_measured for r in records):  # their mean hangs on the charge
         rod = abs(cylinder.area_1 - cylinder.area_2)
-        charge = tolerance(out.base, "accumulator.charge_pressure") * tank.charge_pressure
+        charge = tolerance(out.base, "accumulator.charge_pressure") * out.base.accumulator.charge_pressure
         shift = float(np.hypot(shift, rod * charge))
-    trials = unit.friction.trial_spread / np.sqrt(len(records))
-    fits, notes = fit_friction(records, unit.cylinder, out.base.friction, shift)
+    trials = out.unit.friction.trial_spread / np.sqrt(len(records))
+    fits, notes = fit_friction(records, cylinder, out.base.friction, shift)
     out.notes += notes
     for direction in ("forward", "reverse"):
         if direction not in fits:

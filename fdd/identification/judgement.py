@@ -1,10 +1,11 @@
-"""May a profile be used? What speaks against the logs or the base, and what remains open."""
+"""May a profile be used, and is a log that of its own unit? By what the logs' balances identify: what speaks
+against logs or base, and what remains open."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import exp, log, sqrt
+from math import exp, hypot, log, sqrt
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
@@ -12,9 +13,9 @@ from scipy.special import chdtrc, chdtri
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.faults import fault
-from fdd.identification.identify import identify_unit
+from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
 from fdd.identification.profile import WORDS, Identification, Ratio, against_base
-from fdd.identification.signs import gain_slips, slips
+from fdd.identification.signs import NEAR, UNLIKE, gain_slips, slips
 from fdd.measures import MEASURES
 from fdd.samples import Samples
 from fdd.tolerances import TOLERANCES
@@ -52,16 +53,16 @@ BETWEEN = {
 or a gust does to the force of one log alone is more."""
 UNMEASURED = 0.4
 """The same of leakage where nobody measures the oil's temperature: 10 K."""
+RELIEF_OPEN = 0.5
+"""Standard deviation of ln, of a relief setting that is passed."""
+TURNED = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
+SURE = 4.0
+"""Standard deviations from which on a gain is another one: once in 16 000 logs, were they Gaussian."""
 
 
 @dataclass
 class Judgement:
-    """Whether a profile may be used.
-
-    Attributes
-    ----------
-    refusals : why not, one clause each. limits : what a user must know of it. remarks : what would help.
-    """
+    """Whether a profile may be used: clauses why not, what a user must know of it, what would help."""
 
     refusals: list[str] = field(default_factory=list)
     limits: list[str] = field(default_factory=list)
@@ -117,12 +118,7 @@ def judge(
 
 @dataclass(frozen=True)
 class Comparison:
-    """One quantity over the logs that tell it.
-
-    Attributes
-    ----------
-    logs : how many tell it. p_value : of their scatter. sentence : what disagrees, in words.
-    """
+    """One quantity over the `logs` that tell it: the chance of their scatter; what disagrees, in words."""
 
     logs: int
     p_value: float
@@ -143,7 +139,11 @@ def disagreement(
     """
     if len(logs) + more < 2:
         return []
-    each = [_alone(log, unit, label) for log, label in zip(logs, labels, strict=True)]
+    each = []
+    for samples, label in zip(logs, labels, strict=True):
+        ratios = _alone(samples, unit, label, UNMEASURED)
+        # Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
+        each.append({name: (r.value, r.value * r.std) for name, r in ratios.items()})
     if more:  # what the profile itself says, where it was identified
         numbers = {
             "pump.displacement": (unit.pump.displacement, unit.pump.std_of("displacement")),
@@ -176,26 +176,27 @@ def disagreement(
     return sorted(out, key=lambda c: c.p_value)
 
 
-def _alone(log: Samples, unit: Unit, label: str) -> dict[str, tuple[float, float]]:
-    """What this log alone identifies over the profile's, with its standard deviation."""
-    # Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
+def _alone(samples: Samples, unit: Unit, label: str, unmeasured: float = 0.6) -> dict[str, Ratio]:
+    """What this log alone identifies over the profile's, and any relief setting that it passes; see
+    `against_base`."""
     try:
-        found = identify_unit([log], unit, labels=[label])
-    except InputError:  # too short, or the pump hardly turns: it tells nothing against the others
+        found = identify_unit([samples], unit, labels=[label])
+    except InputError:  # too short, or the pump hardly turns: it tells nothing
         return {}
-    ratios = against_base(found, unit, UNMEASURED)
-    return {name: (r.value, r.value * r.std) for name, r in ratios.items()}
+    ratios = against_base(found, unit, unmeasured)
+    for row in found.table:
+        if row.quantity == "accumulator.relief_pressure" and row.identified is not None:
+            # A valve passes a little more than its setting; how far beyond, tells the pressures' scale.
+            ratios[row.quantity] = Ratio(row.identified / row.base / RELIEF_EXCEEDED, 0.2, RELIEF_OPEN)
+    return ratios
 
 
 def pressure_slip(ratios: dict[str, Ratio], push: float = 1.0) -> str | None:
     """The unit of measure in which the pressures were read by mistake, in words; None where none was.
 
-    All that goes with the pressures' size is weighed together: a slip's factor against what units of one kind
-    differ by. A piston that moves both ways needs its friction's force at least, whatever the load.
-
-    Parameters
-    ----------
-    ratios : of `against_base`. push : force of the pressures, root mean square, over the base's friction.
+    All that goes with the pressures' size, `ratios` of `against_base`, is weighed together: a slip's factor
+    against what units of one kind differ by. A piston that moves both ways needs its friction's force at
+    least, whatever the load: `push` is the pressures' over it, see `push_of`.
     """
 
     def misfit(factor: float) -> float:
@@ -220,10 +221,8 @@ def push_of(logs: Sequence[Samples], base: Unit) -> float:
     """Force of the pressures, root mean square over the logs, over the base's friction."""
     squares = []
     for each in logs:
-        drops = [each["pressure_difference"]] if "pressure_difference" in each else []
-        if "pressure_1" in each and "pressure_2" in each:
-            drops.append(each["pressure_1"] - each["pressure_2"])
-        # A column may be there and empty: the largest of what is told.
+        drops = (each.get("pressure_difference"), each.get("pressure_1") - each.get("pressure_2"))
+        # A column may be empty: the largest of what is told.
         told = [float(np.mean(d[np.isfinite(d)] ** 2)) for d in drops if np.isfinite(d).any()]
         squares.append(max(told, default=0.0))
     friction = 0.5 * (base.friction.forward.coulomb + base.friction.reverse.coulomb)
@@ -308,3 +307,51 @@ def _unhealthy(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> li
             sure = any(c.refused for c in disagreement(unit, parts, [f"{label} before", f"{label} after"]))
         out.append((f"{label} does not look healthy: {name} since {first.onset_s:.1f} s", sure))
     return out
+
+
+def notes_by_balances(
+    samples: Samples, unit: Unit, where: str, of_sensors: dict[str, Ratio], gains: tuple[float, float]
+) -> list[str]:
+    """Notes, one line each, on what a fault may be as well as a log of another unit, or a wrong scale.
+
+    Parameters
+    ----------
+    of_sensors : noise and counts of the pressures over the profile's. gains : travel per rad of the pump over
+        the profile's, as `fdd.identification.signs.gain_ratio` gives it.
+
+    Raises InputError: pressures are surely of another unit of measure.
+    """
+    plain, alike = gains
+    ratios, push = _alone(samples, unit, where) | of_sensors, push_of([samples], unit)
+    notes = []
+    if slip := pressure_slip(ratios, push):
+        # It is sure where it holds whatever one sign of it is left out.
+        rest = [({n: r for n, r in ratios.items() if n != left}, push) for left in ratios] + [(ratios, 1.0)]
+        if len(ratios) > 1 and all(pressure_slip(*each) for each in rest):
+            raise InputError(slip, where=where, mend="correct it with --map")
+        notes.append(f"{slip}, unless a fault did it")
+    if unit.pump.std_of("displacement") is not None:
+        found = ratios.get("pump.displacement")
+        if found is not None:
+            ratio, same = found.value, _same_gain(found, unit)
+        else:  # but for leakage it lies between the regressions
+            ratio, same = plain, alike < UNLIKE or (plain < NEAR and plain / alike > 1.0 / NEAR)
+        if not same:
+            notes.append(
+                f"travel per rad of the pump is {ratio:.3g} times that of profile {unit.name}: the log is of "
+                "another unit, a scale in the channel map is wrong, or a fault did it"
+            )
+    if not notes:
+        return []
+    # It may not be the gain that is another one, but the pressures that are turned.
+    columns = {a: samples[b] for a, b in TURNED.items() if a in samples and b in samples}
+    if "pressure_difference" in samples:
+        columns["pressure_difference"] = -samples["pressure_difference"]
+    turned = _alone(samples.with_columns(columns), unit, where).get("pump.displacement")
+    return [] if turned is not None and _same_gain(turned, unit) else notes
+
+
+def _same_gain(found: Ratio, unit: Unit) -> bool:
+    known = unit.pump.std_of("displacement") or 0.0
+    between = BETWEEN["pump.displacement"][0]
+    return abs(log(found.value)) < SURE * hypot(found.std, known / unit.pump.displacement, between)

@@ -30,16 +30,12 @@ class Estimate:
 def huber(
     m: Array, y: Array, limit: float, *, rounds: int = 10, least: float = 0.0, rcond: float | None = None
 ) -> tuple[Array, Array]:
-    """Least squares with a Huber loss, by reweighting.
+    """Least squares with a Huber loss, by reweighting: (k,) solution, (n,) square roots of the weights.
 
     Parameters
     ----------
     m, y : (n, k) and (n,). limit : robust standard deviations from which a residual counts less.
     least : standard deviation, as `y`, that is there in any case. rcond : of `numpy.linalg.lstsq`.
-
-    Returns
-    -------
-    (k,) solution, and (n,) square roots of the weights.
     """
     largest = np.abs(m).max(axis=0)
     scale = np.where(largest > 0.0, largest, 1.0)

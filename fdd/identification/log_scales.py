@@ -7,22 +7,17 @@ two: a pressure in another unit changes all that goes with pressure, each by the
 
 from __future__ import annotations
 
+from math import exp, log
+
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.identification.record import LEAST_TRAVEL, even_record
-from fdd.identification.signs import (
-    NEAR,
-    UNLIKE,
-    against_pressure,
-    check_gain,
-    check_pump,
-    gain_ratio,
-    gain_slips,
-    refuse_sign,
-)
+from fdd.identification import signs
+from fdd.identification.profile import Ratio
+from fdd.identification.record import LEAST_TRAVEL, Record, even_record
+from fdd.identification.sensors import LEAST_ZERO, fit_sensors
 from fdd.logs.quality import nominal_period
-from fdd.samples import Samples
+from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
 
 ENOUGH_S = 120.0
@@ -33,24 +28,21 @@ STROKE_SHARE = 0.1
 """Of the stroke, that the piston may not pass between two samples."""
 FINER = (10.0, 25.4, 1e3, 1e6)
 """Factors between units of length in which a log that hardly moves may have been written."""
+NOISE_OPEN, COUNTS_OPEN = 0.35, 0.1
+"""Standard deviations of ln, of a sensor's noise, to which motion adds, and of a converter's counts, which
+change with the span of its transducer alone."""
+LEAST_SLIP = 2.5
+"""No two units of one quantity are nearer to each other (`fdd.identification.signs.slips`)."""
 
 
 def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
-    """Refuse a log whose signs and units are not those of the unit; a log that hardly moves tells nothing.
+    """Refuse a log whose signs and units are not those of its profile; one that hardly moves tells nothing.
 
-    Parameters
-    ----------
-    samples : log to be diagnosed; its first two minutes are enough. unit : its profile.
-    where : what errors call the log.
+    The first two minutes are enough; `where` is what errors call the log. Returns notes, one line each, on
+    what a fault may be as well as a wrong unit or profile.
 
-    Returns
-    -------
-    Notes, one line each, on what a fault may be as well as a wrong unit or profile.
-
-    Raises
-    ------
-    InputError : the clock, the gain or the pressures are of another unit of measure, the piston goes against
-        the pump, or oil flows against the pressure difference.
+    Raises InputError: the clock, the gain or the pressures are of another unit of measure, the piston goes
+        against the pump, or oil flows against the pressure difference.
     """
     _check_clock(samples, unit, where)
     start = samples.rows(0, int(np.searchsorted(samples.time, samples.time[0] + ENOUGH_S)))
@@ -59,16 +51,12 @@ def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
     except InputError:
         _check_travel(start, unit, where)
         return []
-    check_gain(record, unit, where)
-    check_pump(start, where)
-    own = unit.baseline is not None
-    notes: list[str] = []
-    if own:  # else nothing is known of this unit's own scales
-        from fdd.identification.own_scales import own_notes
-
-        notes = own_notes(start, record, unit, where)
+    signs.check_gain(record, unit, where)
+    signs.check_pump(start, where)
+    own = unit.baseline is not None  # else nothing is known of this unit's own scales
+    notes = _own_notes(start, record, unit, where) if own else []
     # What oil is lost is judged with the profile's gain, where that is the log's.
-    refuse_sign(against_pressure(record, unit, where, own=own and not notes), 1.0, where)
+    signs.refuse_sign(signs.against_pressure(record, unit, where, own=own and not notes), 1.0, where)
     return notes
 
 
@@ -92,7 +80,8 @@ class StreamScales:
         if samples.time[-1] - self._parts[0].time[0] < self.seconds:
             return []
         joined, self._parts = Samples.concatenate(self._parts), []
-        known = joined["position"][np.isfinite(joined["position"])] if "position" in joined else np.empty(0)
+        position = joined.get("position")
+        known = position[np.isfinite(position)]
         if known.size and np.ptp(known) < LEAST_TRAVEL:
             return []  # at rest: what comes later tells more
         notes = check_scales(joined, self.unit, self.where)
@@ -100,10 +89,16 @@ class StreamScales:
         return notes
 
 
+def difference_is_made(samples: Samples) -> bool:
+    """Whether the difference of pressures is that of the chambers' sensors, and has none of its own."""
+    off = samples.get("pressure_difference") - samples.get("pressure_1") + samples.get("pressure_2")
+    off = np.abs(off[np.isfinite(off)])
+    return bool(off.size and off.max() < LEAST_ZERO)
+
+
 def _check_clock(samples: Samples, unit: Unit, where: str) -> None:
     """Refuse rows so far apart that a stroke fits between few of them; ms are named where they would do."""
-    period = nominal_period(samples.time)
-    c = unit.cylinder
+    period, c = nominal_period(samples.time), unit.cylinder
     slowest = (
         STROKE_SHARE * c.stroke * min(c.area_1, c.area_2) / (unit.pump.displacement * unit.drive.max_speed)
     )
@@ -120,11 +115,54 @@ def _check_travel(samples: Samples, unit: Unit, where: str) -> None:
     for factor in FINER:
         finer = samples.with_columns({"position": factor * samples.get("position")})
         try:
-            ratio, alike = gain_ratio(even_record(finer, unit, where), unit)
+            ratio, alike = signs.gain_ratio(even_record(finer, unit, where), unit)
         except InputError:
             continue
-        if alike > UNLIKE and ratio < NEAR and ratio / alike > 1.0 / NEAR:
+        if alike > signs.UNLIKE and ratio < signs.NEAR and ratio / alike > 1.0 / signs.NEAR:
             raise InputError(
                 f"channel position: {ratio / factor:.2g} times the travel per rad of the pump of {unit.name}",
-                where=where, mend=f"check its unit in the map{gain_slips(ratio / factor)}",
+                where=where, mend=f"check its unit in the map{signs.gain_slips(ratio / factor)}",
             )  # fmt: skip
+
+
+def _own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[str]:
+    """Notes on pressures and travel against the unit's own scales, first by the sensors' noise and counts."""
+    of_sensors = _of_sensors(samples, record, unit, where)
+    plain, alike = signs.gain_ratio(record, unit)
+    usual = of_sensors and 1.0 / signs.NEAR < plain < signs.NEAR and all(
+        # A sensor reads as the profile's does, nearer than to any other unit's factor.
+        abs(log(r.value)) < log(LEAST_SLIP) / 2.0 for r in of_sensors.values()
+    )  # fmt: skip
+    # Another unit of measure scales a sensor's noise and counts alike: the balances need not be asked of it.
+    # A turned sign leaves both, but oil that flows against the pressure.
+    if usual and signs.against_pressure(record, unit, where) <= 1.0:
+        return []
+    # What identifies imports half a second's worth of scipy, which most logs do not need.
+    from fdd.identification.judgement import notes_by_balances
+
+    return notes_by_balances(samples, unit, where, of_sensors, (plain, alike))
+
+
+def _of_sensors(samples: Samples, record: Record, unit: Unit, where: str) -> dict[str, Ratio]:
+    """Noise and counts of the pressures over the profile's; one of another unit by its counts is refused."""
+    made = difference_is_made(samples)
+    fits = {
+        channel: fit
+        for channel, fit in fit_sensors([samples], [record]).items()
+        if channel in PRESSURES and not (made and channel == "pressure_difference")
+    }
+    # No fault of oil or machine changes noise; no fault of a transducer the converter's counts.
+    out = {}
+    for name, part, left_open in (("noise", "noise", NOISE_OPEN), ("counts", "resolution", COUNTS_OPEN)):
+        now = {c: f[part] for c, f in fits.items() if part in f}
+        then = {c: getattr(unit.sensor(c), part) for c in now}
+        ratios = {c: v / then[c] for c, v in now.items() if v > 0.0 and then[c] > 0.0}
+        odd = [c for c, ratio in ratios.items() if not 1.0 / signs.NEAR < ratio < signs.NEAR]
+        alone = name == "counts" and len(odd) == 1 < len(ratios)
+        if alone and (looks := signs.slips(ratios[odd[0]], "pressure")):
+            times = f"{ratios[odd[0]]:.3g} times those of profile {unit.name}"
+            problem = f"channel {odd[0]}: its counts, and no other pressure's, are {times}"
+            raise InputError(problem, where=where, mend=f"check its unit in the map (it looks like {looks})")
+        if ratios:
+            out[name] = Ratio(exp(sum(map(log, ratios.values())) / len(ratios)), 0.0, left_open)
+    return out

@@ -17,10 +17,7 @@ from fdd.unit import Unit
 
 @dataclass(frozen=True)
 class TableRow:
-    """One line of the table that ``fdd identify`` prints.
-
-    `identified` and `std` are None where the base's value is kept; `note` then says why.
-    """
+    """One line of the table that ``fdd identify`` prints; `note` says why a base's value is kept."""
 
     quantity: str
     unit: str
@@ -37,7 +34,6 @@ class Identification:
     Attributes
     ----------
     unit : the base's copy with the identified numbers, each with `source` and standard deviation.
-    base, source : what it is a copy of; where the numbers are from.
     table : what changed and what did not.
     notes : one sentence each: what was kept and why, what the numbers rest on.
     leakage : total of cross-port and half the case leakage; None where it stays the base's.
@@ -127,12 +123,8 @@ def against_base(found: Identification, base: Unit, unmeasured: float = 0.6) -> 
     """What was identified over what the base leads to expect, by the names of `WORDS`.
 
     Leakage is compared at the logs' temperature, bulk modulus at their pressure; friction as the mean of both
-    directions.
-
-    Parameters
-    ----------
-    unmeasured : relative standard deviation of leakage where nobody measures the oil's temperature: it may be
-        15 K off, at some 4 % a kelvin.
+    directions. Where nobody measures the oil's temperature leakage has a relative standard deviation of
+    `unmeasured` more: it may be 15 K off, at some 4 % a kelvin.
     """
     rows = {r.quantity: r for r in found.table if r.identified is not None and r.std is not None}
     unit = found.unit

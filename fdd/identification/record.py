@@ -110,10 +110,6 @@ def measured_rows(log: Samples) -> Samples:
     """The rows in which all of motion and pressures was measured, where some of it comes at a slower rate.
 
     The oil's temperature, measured once a second or so, stands on the line between its values.
-
-    Parameters
-    ----------
-    log : NaN where a channel was not measured.
     """
     share = {c: float(np.isfinite(log[c]).mean()) for c in log.channels}
     if 0.0 < share.get("oil_temperature", 0.0) < 1.0:
@@ -129,17 +125,11 @@ def measured_rows(log: Samples) -> Samples:
 
 
 def even_record(log: Samples, unit: Unit, where: str) -> Record:
-    """Check a healthy log and lay it on an even grid.
+    """Check a healthy log, called `where` in errors, and lay it on an even grid.
 
-    Parameters
-    ----------
-    log : position, pump angle or speed, and pressure_difference or both chamber pressures.
-    unit : base profile; its accumulator and oil stand in where sensors are missing.
-    where : names the log in errors.
+    Where sensors are missing, accumulator and oil of the base profile `unit` stand in.
 
-    Raises
-    ------
-    InputError : a channel is missing or empty, the log is shorter than 5 s, or nothing moves.
+    Raises InputError: a channel is missing or empty, the log is shorter than 5 s, or nothing moves.
     """
     log = measured_rows(log)
     present = {c for c in log.channels if np.isfinite(log[c]).mean() > 0.2}
@@ -151,14 +141,10 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
     period = float(np.median(np.diff(log.time)))
     numbers = sample_numbers(log.time, period)
     n = int(numbers[-1]) + 1
-    if len(log) > MOST_ROWS:
-        problem = f"{len(log)} rows, at most {MOST_ROWS} are used"
-        raise InputError(problem, where=where, mend="give a part of it")
-    if n > min(MOST_ROWS, 20 * len(log) + 1000):
-        raise InputError(
-            f"{len(log)} rows spread over {n} periods of {period * 1e3:.3g} ms", where=where,
-            mend="cut the log at its gaps and give the parts",
-        )  # fmt: skip
+    if n > (most := min(MOST_ROWS, 20 * len(log) + 1000)):
+        spread = f"{len(log)} rows spread over {n} periods of {period * 1e3:.3g} ms"
+        mend = "cut the log, at its gaps if it has any, and give the parts"
+        raise InputError(f"{spread}, at most {most} are used", where=where, mend=mend)
     gap = np.zeros(n, dtype=bool)
     grid = np.arange(n, dtype=np.float64)
 
@@ -185,16 +171,15 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
         p2 = p1 - dp
     elif dp is not None and p2 is not None and p1 is None:
         p1 = p2 + dp
-    if p1 is None or p2 is None:
+    if measured_both := p1 is not None and p2 is not None:
+        difference = p1 - p2 if dp is None else dp
+        tank = _lower_chamber(p1, p2, period) if accumulator is None else accumulator
+    else:
         assert dp is not None  # as `missing_required` has it
-        difference = dp
-        smoothed = centred_mean(difference, max(round(0.025 / period), 1) | 1)
+        smoothed = centred_mean(dp, max(round(0.025 / period), 1) | 1)
         known = np.full_like(position, np.nan) if accumulator is None else accumulator
         mean, tank = chambers_from_difference(smoothed, position, period, unit, known)
-        p1, p2, measured_both = mean + 0.5 * difference, mean - 0.5 * difference, False
-    else:
-        difference, measured_both = p1 - p2 if dp is None else dp, True
-        tank = _lower_chamber(p1, p2, period) if accumulator is None else accumulator
+        difference, p1, p2 = dp, mean + 0.5 * dp, mean - 0.5 * dp
 
     def measured_if(channel: str) -> Array | None:
         return even(log[channel], marks=False) if channel in present else None
@@ -207,13 +192,11 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
         current=measured_if("motor_current"), temperature=measured_if("oil_temperature"),
         command=measured_if("command"), load=measured_if("load_force"), angle_jumps=int(jumps.size),
     )  # fmt: skip
-    travel = float(np.sum(np.abs(np.diff(record.smooth(record.position, 0.05)[:: record.rows(0.05)]))))
-    revolved = float(np.ptp(record.angle))
-    if np.ptp(record.position) < LEAST_TRAVEL or travel < 2.0 * LEAST_TRAVEL:
-        raise InputError(
-            f"the cylinder moves by {np.ptp(record.position) * 1e3:.3g} mm only", where=where,
-            mend="identify from a log with strokes, or check the position's unit of measure",
-        )  # fmt: skip
+    travel = float(np.sum(np.abs(np.diff(record.smooth(position, 0.05)[:: record.rows(0.05)]))))
+    reach, revolved = float(np.ptp(position)), float(np.ptp(angle))
+    if reach < LEAST_TRAVEL or travel < 2.0 * LEAST_TRAVEL:
+        mend = "identify from a log with strokes, or check the position's unit of measure"
+        raise InputError(f"the cylinder moves by {reach * 1e3:.3g} mm only", where=where, mend=mend)
     if revolved < 1.0:
         problem = f"the pump turns by {revolved:.2g} rad only"
         raise InputError(problem, where=where, mend="check the pump channel's unit")
@@ -221,10 +204,9 @@ def even_record(log: Samples, unit: Unit, where: str) -> Record:
 
 
 def _lower_chamber(p1: Array, p2: Array, period: float) -> Array:
-    """Stand-in for the accumulator: the lower chamber's low level over some seconds.
+    """Stand-in for the accumulator, below which a refeeding valve holds the lower chamber: its low level.
 
-    The refeeding valve holds the lower chamber just below the accumulator; where
-    both are above it this is too high, and so only more careful.
+    Where both chambers are above the accumulator it is too high, and so only more careful.
     """
     from scipy.ndimage import percentile_filter  # half a second to import, where it is not needed
 

@@ -46,17 +46,10 @@ _GROUPS = 10
 
 
 def effective_noise(values: Array, period: float) -> float | None:
-    """White noise (standard deviation) with the spectral density that the channel has below 100 Hz.
+    """White noise (standard deviation) with the spectral density that the channel, a row per `period` (s),
+    has below 100 Hz; None where there are fewer than four segments.
 
     ``sqrt(mean PSD over 8 to 100 Hz · f_s/2)``, in the quietest quarter of half-second segments.
-
-    Parameters
-    ----------
-    values : (n,) one row per `period` (s).
-
-    Returns
-    -------
-    In the channel's unit; None where there are fewer than four segments.
 
     Examples
     --------
@@ -68,8 +61,7 @@ def effective_noise(values: Array, period: float) -> float | None:
     count = values.size // max(length, 1)
     if length < 64 or count < 4:
         return None
-    segments = values[: count * length].reshape(count, length)
-    frequency, density = welch(segments, period, length // 2)
+    frequency, density = welch(values[: count * length].reshape(count, length), period, length // 2)
     band = (frequency >= LOWEST_HZ) & (frequency <= HIGHEST_HZ)
     power = np.sort(density[:, band].mean(axis=1))[: max(int(QUIETEST * count), 1)]
     return float(np.sqrt(power.mean() / SELECTION * 0.5 / period))
@@ -98,14 +90,13 @@ def resolution(values: Array) -> float | None:
     >>> resolution(0.25 * np.rint(np.sin(np.arange(0.0, 9.0, 0.01)) * 40.0))
     0.25
     """
-    steps = np.abs(np.diff(values[np.isfinite(values)]))
-    span = float(np.ptp(values[np.isfinite(values)])) if steps.size else 0.0
+    known = values[np.isfinite(values)]
+    steps = np.abs(np.diff(known))
+    span = float(np.ptp(known)) if steps.size else 0.0
     steps = steps[steps > 1e-9 * max(span, 1e-30)]
     if steps.size < LEAST_STEPS:
         return None
-    least = float(np.quantile(steps, 0.002))
-    near = steps[steps < 1.5 * least]
-    quantum = float(np.median(near))
+    quantum = float(np.median(steps[steps < 1.5 * float(np.quantile(steps, 0.002))]))
     small = steps[steps < 20.5 * quantum]
     for _ in range(2):
         counts = np.maximum(np.rint(small / quantum), 1.0)
@@ -116,15 +107,10 @@ def resolution(values: Array) -> float | None:
     return float(f"{quantum:.5g}")
 
 
-def redundancy_offset(records: list[Record]) -> Estimate | None:
-    """Mean of the differential sensor less the chambers' difference (Pa), where all three are measured."""
+def redundancy_offset(records: list[Record]) -> float:
+    """Mean of the differential sensor less the chambers' difference (Pa); 0 where one is not measured."""
     parts = [(r.difference - r.pressure_1 + r.pressure_2)[~r.gap] for r in _redundant(records)]
-    if not any(np.any(p) for p in parts):
-        return None
-    everything = np.concatenate(parts)
-    seconds = np.array_split(everything, max(min(everything.size // 1000, 200), 2))
-    means = np.array([p.mean() for p in seconds])
-    return Estimate(float(everything.mean()), float(means.std(ddof=1) / np.sqrt(means.size)))
+    return float(np.concatenate(parts).mean()) if any(np.any(p) for p in parts) else 0.0
 
 
 def gain_mismatch(records: list[Record]) -> float | None:
@@ -143,15 +129,9 @@ def _redundant(records: list[Record]) -> list[Record]:
 
 
 def fit_sensors(logs: list[Samples], records: list[Record]) -> dict[str, dict[str, float]]:
-    """Noise of pressures and position, resolutions, and the zero of the differential sensor.
+    """Channel to noise, resolution and zero of its sensor, SI, as far as the logs tell them.
 
-    Parameters
-    ----------
-    logs : as recorded, for the resolutions. records : the same logs made even.
-
-    Returns
-    -------
-    channel to what was found of its sensor: noise, resolution and zero, SI.
+    `logs` are as recorded, `records` the same made even.
     """
     fits: dict[str, dict[str, float]] = {}
     for channel in (*PRESSURES, "position", "pump_angle", "pump_speed"):
@@ -169,36 +149,26 @@ def fit_sensors(logs: list[Samples], records: list[Record]) -> dict[str, dict[st
                 fit["noise"] = float(f"{left:.4g}")
         if step is not None:
             fit["resolution"] = step
-    offset = redundancy_offset(records)
-    if offset is not None and abs(offset.value) > LEAST_ZERO:
-        fits["pressure_difference"]["zero"] = offset.value
+    if abs(offset := redundancy_offset(records)) > LEAST_ZERO:
+        fits["pressure_difference"]["zero"] = offset
     return {c: f for c, f in fits.items() if f}
 
 
 def _lowest(values: list[float | None]) -> float | None:
-    there = [v for v in values if v is not None]
-    return min(there) if there else None
+    return min((v for v in values if v is not None), default=None)
 
 
 def fit_torque_constant(records: list[Record], displacement: float) -> tuple[Estimate | None, str]:
-    """Regress current on D·Δp, |D·Δp| and 1 with the sign of the speed, speed and its rate.
+    """The torque constant (N·m/A) and a note, or None with the reason; `displacement` in m³/rad.
 
-    K_t is one over the first slope; the second over the first is friction that grows with load, and where
-    load and motion always go together it is known by `GEAR_FRICTION` alone.
-
-    Parameters
-    ----------
-    records : logs, those without current are passed over. displacement : m³/rad, as identified.
-
-    Returns
-    -------
-    The constant (N·m/A), or None with the reason.
+    Current is regressed on D·Δp, |D·Δp| and 1 with the sign of the speed, speed and its rate. K_t is one over
+    the first slope; the second over the first is friction that grows with load, and where load and motion
+    always go together it is known by `GEAR_FRICTION` alone.
     """
     parts = [_windows(r, displacement) for r in records if r.current is not None]
     if not parts:
         return None, "motor current is not measured"
-    m = np.concatenate([p[0] for p in parts])
-    y = np.concatenate([p[1] for p in parts])
+    m, y = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if y.size < LEAST_WINDOWS:
         return None, "too little slow motion"
     if np.ptp(m[:, 0]) < LEAST_RANGE:
@@ -222,7 +192,6 @@ def _windows(record: Record, displacement: float) -> tuple[Array, Array]:
     _, w = record.speeds(0.02)
     rate = np.gradient(record.smooth(w, 0.02), record.period)
     drop = record.pressure_1 - record.pressure_2 if record.chambers_measured else record.difference
-    drop = displacement * drop
 
     def mean(values: Array) -> Array:
         return np.asarray(values[:n].reshape(-1, step).mean(axis=1), dtype=np.float64)
@@ -230,7 +199,7 @@ def _windows(record: Record, displacement: float) -> tuple[Array, Array]:
     speed, acceleration = mean(w), mean(rate)
     slow = (np.abs(rate[:n]).reshape(-1, step).max(axis=1) < SLOW) & (np.abs(speed) > 2.0)
     slow &= ~record.gap[:n].reshape(-1, step).any(axis=1)
-    load, turning = mean(drop), np.sign(speed)
+    load, turning = mean(displacement * drop), np.sign(speed)
     m = np.column_stack(
         [load, np.abs(load) * turning, turning, speed * 1e-2, acceleration * 1e-2, np.ones_like(speed)]
     )

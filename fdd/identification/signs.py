@@ -48,24 +48,20 @@ COMMON = ("m", "rad", "rad/s", "Pa", "kPa", "bar", "mm", "deg", "rpm", "MPa")
 def check_gain(record: Record, base: Unit, where: str) -> None:
     """Refuse a log whose travel per rad of the pump is nowhere near the base's.
 
-    Raises
-    ------
-    InputError : opposite signs, or a factor of three and more; names the unit that it looks like.
+    Raises InputError: opposite signs, or a factor of three and more; names the unit that it looks like.
     """
     ratio, alike = gain_ratio(record, base)
-    expected = base.pump.displacement / base.cylinder.area_1
+    expected = 1e3 * base.pump.displacement / base.cylinder.area_1
     if alike < UNLIKE:  # a gust or a leak moves the piston more than the pump does
         return
     if ratio < 0.0:
-        raise InputError(
-            f"the piston retracts while the pump turns forward ({1e3 * ratio * expected:.3g} mm/rad)",
-            where=where, mend="turn the sign of position or pump in the channel map",
-        )  # fmt: skip
+        problem = f"the piston retracts while the pump turns forward ({ratio * expected:.3g} mm/rad)"
+        raise InputError(problem, where=where, mend="turn the sign of position or pump in the channel map")
     # Errors in travel lower the one regression, those in turning raise the other: the gain lies between them.
     if ratio > MOST_GAIN_CHANGE or ratio / alike < 1.0 / MOST_GAIN_CHANGE:
         raise InputError(
-            f"{1e3 * ratio * expected:.3g} mm of travel per rad of the pump where base {base.name} has "
-            f"{1e3 * expected:.3g}", where=where,
+            f"{ratio * expected:.3g} mm of travel per rad of the pump where base {base.name} has "
+            f"{expected:.3g}", where=where,
             mend=f"check the units of position and pump in the channel map{gain_slips(ratio)}, or give a "
             "fitting base profile",
         )  # fmt: skip
@@ -98,9 +94,7 @@ def check_pressure_signs(records: Sequence[Record], base: Unit, labels: Sequence
 
     They are read by one map, so the others may outvote a doubtful one.
 
-    Raises
-    ------
-    InputError : the pressure difference of a log has the wrong sign.
+    Raises InputError: the pressure difference of a log has the wrong sign.
     """
     found = [against_pressure(r, base, label) for r, label in zip(records, labels, strict=True)]
     doubt = sum(np.clip(one, -ALONE, ALONE) for one in found)
@@ -118,45 +112,37 @@ def refuse_sign(against: float, most: float, where: str) -> None:
 def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = False) -> float:
     """How much speaks for a pressure difference of the wrong sense, over what chance gives.
 
-    `own` tells that the profile is this unit's, whose gain is known.
+    `own` tells that the profile is this unit's, whose gain is known. The work that the pressures do on the
+    piston does not tell: a gust drives it against the pump for minutes.
 
-    The work that the pressures do on the piston does not tell: a gust drives it against the pump for
-    minutes.
-
-    Raises
-    ------
-    InputError : a measured difference is not that of the chambers.
+    Raises InputError: a measured difference is not that of the chambers.
     """
     if record.has_difference and record.chambers_measured:
         ratio = _slope(record, record.pressure_1 - record.pressure_2, record.difference)
         if ratio is not None:
             problem = f"pressure_difference is {ratio:.3g} times pressure_1 - pressure_2"
-            looks = slips(ratio, "pressure")
-            units = f"check their units in the map{f' (it looks like {looks})' if looks else ''}"
+            looks = f" (it looks like {slip})" if (slip := slips(ratio, "pressure")) else ""
+            units = f"check their units in the map{looks}"
             raise InputError(problem, where=where, mend=TURN if ratio < 0.0 else units)
     step, areas = record.rows(STEP), unit.cylinder.area_1 / unit.cylinder.area_2
     dx, dtheta = np.diff(record.position[::step]), np.diff(record.angle[::step])
     dtheta = dtheta * np.where(record.pressure_1 > record.pressure_2, 1.0, areas)[step::step]
     throughout = float(np.sum(dx * dtheta) / max(float(np.sum(dtheta**2)), 1e-30))
-    gains: tuple[tuple[float | None, float], ...] = ((None, 0.0), (throughout, 0.0))
+    gains: list[tuple[float | None, float]] = [(None, 0.0), (throughout, 0.0)]
     if own and (std := unit.pump.std_of("displacement")) is not None:
-        gains = ((unit.pump.displacement / unit.cylinder.area_1, std / unit.cylinder.area_1),)
+        gains = [(unit.pump.displacement / unit.cylinder.area_1, std / unit.cylinder.area_1)]
     found = [_oil_loss(record, unit, *gain) for gain in gains]
     return 0.0 if 0.0 in found else -max(found)
 
 
 def check_pump(log: Samples, where: str) -> None:
-    """Refuse a log whose pump_speed is not the rate of its pump_angle.
-
-    Raises
-    ------
-    InputError : names the factor between them, and the unit that it looks like.
-    """
-    if not {"pump_angle", "pump_speed"} <= set(log.channels):
+    """Raise InputError of a log whose pump_speed is not the rate of its pump_angle."""
+    angle, speed = log.get("pump_angle"), log.get("pump_speed")
+    there = np.isfinite(angle) & np.isfinite(speed)
+    if np.count_nonzero(there) < 2:
         return
-    there = np.isfinite(log["pump_angle"]) & np.isfinite(log["pump_speed"])
-    time, angle, speed = log.time[there], log["pump_angle"][there], log["pump_speed"][there]
-    step = max(int(0.05 * time.size / max(float(np.ptp(time)), 1e-9)), 1) if time.size > 1 else 1
+    time, angle, speed = log.time[there], angle[there], speed[there]
+    step = max(int(0.05 * time.size / max(float(np.ptp(time)), 1e-9)), 1)
     turned = np.diff(angle[::step])
     meant = np.diff(np.concatenate(([0.0], np.cumsum(speed[1:] * np.diff(time))))[::step])
     ratio = _regression(turned, meant)
@@ -176,17 +162,15 @@ def _oil_loss(record: Record, unit: Unit, gain: float | None, gain_std: float) -
     speed, as a throttle's does, g and l can hardly be told apart: then `gain` (m/rad of chamber 1; chamber 2
     has its area's), known to `gain_std`, is better.
 
-    Returns
-    -------
-    0 where the pressures or the pump hardly move, or there are too few steps.
+    It is 0 where the pressures or the pump hardly move, or there are too few steps.
     """
     n = record.rows(STEP)
     drop = record.smooth(record.pressure_1 - record.pressure_2, 0.05)
     x, theta = record.smooth(record.position, 0.05), record.smooth(record.angle, 0.05)
     starts = np.arange(0, len(record) - n, n)
-    bad = np.concatenate(([0], np.cumsum(record.gap)))
     # Beyond the relief setting oil passes the valve, and the law is another one.
-    bad += np.concatenate(([0], np.cumsum(np.abs(drop) > RELIEF_SHUT * unit.accumulator.relief_pressure)))
+    passes = np.abs(drop) > RELIEF_SHUT * unit.accumulator.relief_pressure
+    bad = np.concatenate(([0], np.cumsum(record.gap | passes)))
     starts = starts[bad[starts + n] == bad[starts]]
     held = np.concatenate(([0.0], np.cumsum(drop))) * record.period
     turned, mean = theta[starts + n] - theta[starts], (held[starts + n] - held[starts]) / STEP

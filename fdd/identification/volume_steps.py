@@ -135,10 +135,10 @@ def volume_steps(record: Record, unit: Unit, logs: LogBalances) -> VolumeSteps:
     """The rows that one of the logs gives, with a profile's areas, volumes, oil and relief pressure."""
     x, theta = record.position, record.angle
     cylinder, tank, h = unit.cylinder, unit.accumulator, record.period
-    mu = np.ones(len(record))
+    mu, warmth, still = np.ones_like(x), np.zeros_like(x), np.zeros_like(x)
     if record.temperature is not None:
-        warm = record.smooth(record.temperature, WARMING_WINDOW)
-        mu = viscosity(unit.oil, warm) / viscosity(unit.oil, logs.reference_temperature(unit))
+        warmth = record.smooth(record.temperature, WARMING_WINDOW)
+        mu = viscosity(unit.oil, warmth) / viscosity(unit.oil, logs.reference_temperature(unit))
     smooth_1 = record.smooth(record.pressure_1, SMOOTHING)
     smooth_2 = record.smooth(record.pressure_2, SMOOTHING)
     store = record.smooth(record.accumulator, 0.1)
@@ -151,8 +151,7 @@ def volume_steps(record: Record, unit: Unit, logs: LogBalances) -> VolumeSteps:
     lost = np.abs(np.diff(theta)) * denser[1:]
     speed = np.gradient(record.smooth(theta, SMOOTHING), h)
     inlet = np.concatenate(([0.0], np.cumsum(lost)))
-    time, still = h * np.arange(x.size), np.zeros_like(x)
-    warmth = still if record.temperature is None else record.smooth(record.temperature, WARMING_WINDOW)
+    time = h * np.arange(x.size)
     # 1/β_stiff = ½·α·c(reference) + excess: with excess ≥ 0 the stiff oil is at most three times β.
     bound = 0.5 * float(air_compliance(logs.pressure, unit.oil.polytropic_index))
     parts = []
@@ -191,12 +190,9 @@ def volume_steps(record: Record, unit: Unit, logs: LogBalances) -> VolumeSteps:
             usable &= smoothed - store > PILOT * (other - store)
         for seconds in STEPS:
             parts.append(_differences(record, seconds, terms, slopes, usable, chamber))
-    scale = scales(unit)
-    m, y, ends, of_chamber, block = (np.concatenate([p[i] for p in parts]) for i in range(5))
-    lengths = np.repeat(STEPS * 2, [p[1].size for p in parts])
-    return VolumeSteps(
-        m * scale, y, ends * scale, of_chamber.astype(np.int64), block.astype(np.int64), lengths
-    )
+    scale, lengths = scales(unit), np.repeat(STEPS * 2, [p[1].size for p in parts])
+    m, y, ends, of_chamber, block = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return VolumeSteps(m * scale, y, ends * scale, of_chamber, block, lengths)
 
 
 def _log_density(oil: Oil, pressure: Array) -> Array:
@@ -241,10 +237,9 @@ class LogBalances:
 
     Attributes
     ----------
-    records : the logs. temperature : mean oil temperature (°C), None where it is not measured.
+    temperature : mean oil temperature (°C), None where it is not measured.
     pressure : Pa gauge at which compressibility is referred; by default the accumulator's usual one, else
         the chambers' mean.
-    noise : Pa, of the smoothed chamber pressures.
     """
 
     def __init__(self, records: list[Record], pressure: float | None = None) -> None:
@@ -261,7 +256,7 @@ class LogBalances:
 
     @cached_property
     def noise(self) -> tuple[float, float]:
-        """White noise of the chamber pressures that is left after the balance's window."""
+        """Pa, white noise of the chamber pressures that is left after the balance's window."""
         left = []
         for channel in ("pressure_1", "pressure_2"):
             found = [effective_noise(getattr(r, channel), r.period) for r in self.records]

@@ -58,22 +58,17 @@ class VolumeFit:
         spread = float(np.hypot(VOLUME_SPREAD, self.gain.std))
         return abs(float(np.log(self.gain.value))) < VOLUME_SURE * spread
 
-    def apply(self, unit: Unit) -> None:
-        """Put the volumes (or the position compliance) into a profile."""
-        gain = self.gain.value
-        _scale_volumes(unit, gain if self.of_volume else 1.0, self.split.value)
+    def applied(self, base: Unit) -> Unit:
+        """The profile with these volumes (or this position compliance)."""
+        unit = _with_volumes(base, self.gain.value if self.of_volume else 1.0, self.split.value)
         if not self.of_volume:
-            swept = unit.cylinder.position_compliance * gain
+            swept = base.cylinder.position_compliance * self.gain.value
             unit.cylinder.position_compliance = min(swept, MOST_POSITION_COMPLIANCE)
+        return unit
 
 
 def fit_volumes(logs: LogBalances, base: Unit) -> VolumeFit | None:
-    """Fit position gain and split.
-
-    Returns
-    -------
-    The fit, or None where the logs do not tell the gain, or would have it beyond what a volume can be.
-    """
+    """Position gain and split; None where the logs do not tell the gain, or have it beyond a volume's."""
     gain, split = 1.0, 0.0
     std = np.array([PRIOR_GAIN, PRIOR_SPLIT])
     for _ in range(ROUNDS):
@@ -109,10 +104,6 @@ def fit_volumes(logs: LogBalances, base: Unit) -> VolumeFit | None:
 
 def _with_volumes(base: Unit, gain: float, split: float) -> Unit:
     unit = base.model_copy(deep=True)
-    _scale_volumes(unit, gain, split)
-    return unit
-
-
-def _scale_volumes(unit: Unit, gain: float, split: float) -> None:
     unit.cylinder.volume_1 *= (1.0 + split) / gain
     unit.cylinder.volume_2 *= (1.0 - split) / gain
+    return unit

@@ -66,9 +66,7 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
         X : (n, k) features, NaN where one is missing. y : (n,) labels. groups : (n,) units: no unit is both
             learnt from and calibrated by.
 
-        Raises
-        ------
-        ValueError : as scikit-learn's: shapes that do not fit, infinite values, fewer than two classes.
+        Raises ValueError: as scikit-learn's: shapes that do not fit, infinite values, fewer than two classes.
         """
         X, y = validate_data(self, X, y, ensure_all_finite="allow-nan")
         X = np.asarray(X)

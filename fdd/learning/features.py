@@ -24,8 +24,7 @@ from fdd.sensors.finding import FAILING
 from fdd.unit import Unit
 
 Row = dict[str, float]
-Method = Literal["ekf", "svsf"]
-
+METHODS: tuple[Literal["ekf", "svsf"], ...] = ("ekf", "svsf")
 MEASURED = tuple(name for name in CHANNELS if name != "time")
 WEIGHED = tuple(f.id for f in CATALOGUE.values() if f.signatures)
 """Faults that the balances speak of."""
@@ -56,7 +55,7 @@ def _features() -> dict[str, Feature]:
         found[f"score_{name}"] = Feature("1", f"log likelihood ratio of {title} against no fault")
         found[f"visible_{name}"] = Feature("1", f"least severity of {title} that the log would have shown")
     for quantity, (unit, _, title) in ESTIMATED.items():
-        for method in ("ekf", "svsf"):
+        for method in METHODS:
             found[f"{quantity}_{method}"] = Feature(unit, f"{title} at the end, by the {method.upper()}")
             found[f"{quantity}_{method}_std"] = Feature(unit, "standard deviation of that")
             found[f"{quantity}_{method}_change"] = Feature("1", "that over the profile's healthy one, less 1")
@@ -81,16 +80,12 @@ FEATURES = _features()
 
 
 def features_of(pipeline: Pipeline, answer: Diagnosis, samples: Samples) -> Row:
-    """The features of a log.
+    """The features of a log: a number for each of `FEATURES`, SI.
 
     Parameters
     ----------
     pipeline, answer : after its `finish`, which gave the answer. samples : of the log, for the duty. Fits are
         of no more than the last two and a half minutes of evidence.
-
-    Returns
-    -------
-    A number for each of `FEATURES`, SI.
     """
     row = dict.fromkeys(FEATURES, math.nan)
     _, names, misfits = pipeline.misfits()
@@ -99,8 +94,7 @@ def features_of(pipeline: Pipeline, answer: Diagnosis, samples: Samples) -> Row:
         if told.size:
             row[f"misfit_{name}"], row[f"misfit_{name}_max"] = float(told.mean()), float(told.max())
     row |= _fits(pipeline.fitted, answer)
-    methods: tuple[Method, ...] = ("ekf", "svsf")
-    for method in methods:
+    for method in METHODS:
         for quantity, e in pipeline.estimates(method).items():
             row[f"{quantity}_observable"] = float(e.observable)
             if e.value is None or e.std is None or not e.baseline:
@@ -166,15 +160,9 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 
 def log_features(samples: Samples, unit: Unit, model: Model | None = None) -> tuple[Diagnosis, Row]:
-    """Diagnose a log: its answer, and its features.
+    """Diagnose a log on its profile `unit`, best one that was identified: its answer, and its features.
 
-    Parameters
-    ----------
-    unit : its profile, best one that was identified. model : see `Pipeline`.
-
-    Raises
-    ------
-    InputError : channels that do not suffice.
+    Raises InputError: channels that do not suffice.
 
     Examples
     --------

@@ -1,4 +1,6 @@
-"""A trained classifier in a file: kept by skops, which runs no code of the file, and checked before use.
+"""A trained classifier in a file, and what it says of a log that fdd has diagnosed.
+
+It is kept by skops, which runs no code of the file, and checked before use.
 
 Types in it must be scikit-learn's, fdd's own or of a package that an installed entry point of the group
 ``fdd.classifiers`` names. Trees are checked besides: scikit-learn follows their indices without looking.
@@ -17,9 +19,13 @@ from typing import Any
 import numpy as np
 
 from fdd.bounds import MAX_CLASSIFIER_BYTES
+from fdd.diagnosis.findings import Diagnosis, SecondOpinion
+from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.files import whole_file
+from fdd.learning.features import FEATURES, features_of
 from fdd.packages import CLASSIFIERS, additions
+from fdd.samples import Samples
 
 SCHEMA = "fdd.classifier/1"
 LOADERS = {"ObjectNode", "TypeNode", "TreeNode"}
@@ -34,10 +40,9 @@ class StoredClassifier:
     Attributes
     ----------
     estimator : fitted, with `predict_proba` and `classes_`. features : names of X's columns, in order.
-    target : what it tells: ``family`` or ``fault``. window_s : None; older
-        files may be of shorter rows than a log. name : as it was asked for. fdd : version. data : SHA-256 of
-        the data sets, by name.
-    figures : on held-out units.
+    target : what it tells: ``family`` or ``fault``. window_s : None; older files may be of rows shorter than
+        a log. name : as it was asked for. fdd : version.
+    data : SHA-256 of the data sets, by name. figures : on held-out units.
     """
 
     estimator: Any
@@ -53,9 +58,7 @@ class StoredClassifier:
 def save_classifier(stored: StoredClassifier, path: str | Path) -> None:
     """Write a classifier whole or not at all.
 
-    Raises
-    ------
-    InputError : it cannot be written, or holds what skops cannot keep.
+    Raises InputError: it cannot be written, or holds what skops cannot keep.
     """
     skops = _skops()
     plain = {"schema": SCHEMA, **{name: getattr(stored, name) for name in stored.__dataclass_fields__}}
@@ -69,9 +72,7 @@ def save_classifier(stored: StoredClassifier, path: str | Path) -> None:
 def load_classifier(path: str | Path) -> StoredClassifier:
     """Read a classifier.
 
-    Raises
-    ------
-    InputError : no such file, too large, damaged, of types that are not trusted, or not one of fdd's.
+    Raises InputError: no such file, too large, damaged, of types that are not trusted, or not one of fdd's.
     """
     skops = _skops()
     path = Path(path)
@@ -98,6 +99,44 @@ def load_classifier(path: str | Path) -> StoredClassifier:
         raise
     except Exception as error:  # whatever a damaged file makes of skops and of the types in it
         raise InputError(f"not a classifier ({type(error).__name__})", where=path, mend=MEND) from None
+
+
+def require_usable(stored: StoredClassifier, where: str) -> None:
+    """Refuse a classifier that a log's features do not suit.
+
+    Raises InputError: of windows, or of features that this version does not have.
+    """
+    if stored.window_s is not None:
+        problem = f"was trained on windows of {stored.window_s:g} s"
+        raise InputError(problem, where=where, mend="train it on features of whole logs")
+    missing = next((name for name in stored.features if name not in FEATURES), None)
+    if missing is not None:
+        problem = f"wants the feature {missing}, which this version does not have"
+        raise InputError(problem, where=where, mend=f"train it anew; it is of fdd {stored.fdd}")
+
+
+def opinion(
+    stored: StoredClassifier, name: str, pipeline: Pipeline, answer: Diagnosis, samples: Samples
+) -> SecondOpinion:
+    """What a classifier, in the file `name`, says of a diagnosed log; else see `features_of`.
+
+    Raises InputError: it cannot take the features, or gives no probabilities.
+    """
+    row = features_of(pipeline, answer, samples)
+    x = np.array([[row[feature] for feature in stored.features]])
+    try:
+        classes = [str(c) for c in stored.estimator.classes_]
+        given = np.asarray(stored.estimator.predict_proba(x), dtype=np.float64)[0]
+        if given.size != len(classes) or not np.isfinite(given).all():
+            raise ValueError("no probability for each class")
+    except Exception as error:
+        problem = f"gives no answer ({type(error).__name__}: {error})"
+        raise InputError(problem, where=name, mend=MEND) from None
+    probabilities = {c: round(float(p), 4) for c, p in zip(classes, given, strict=True)}
+    return SecondOpinion(
+        classifier=name, target=stored.target, answer=classes[int(given.argmax())],
+        probability=round(float(given.max()), 4), probabilities=probabilities,
+    )  # fmt: skip
 
 
 def _skops() -> Any:
@@ -146,12 +185,7 @@ def _trusted(name: str, loaders: set[str]) -> bool:
 
 
 def _check_trees(root: Any) -> None:
-    """Refuse trees whose indices lead out of them.
-
-    Raises
-    ------
-    ValueError : such a tree.
-    """
+    """Raise ValueError of trees whose indices lead out of them."""
     seen: set[tuple[int, int]] = set()
     left: list[tuple[Any, int]] = [(root, 0)]
     while left:

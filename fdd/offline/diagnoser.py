@@ -121,8 +121,7 @@ class Diagnoser:
                 self._shared["profile"] = sha256_of(shipped if known else Path(unit))
         self.classifier = None
         if settings.classifier is not None:
-            from fdd.learning.opinion import require_usable
-            from fdd.learning.stored import load_classifier
+            from fdd.learning.stored import load_classifier, require_usable
 
             self.classifier = load_classifier(settings.classifier)
             require_usable(self.classifier, str(settings.classifier))
@@ -179,7 +178,7 @@ class Diagnoser:
             log, unit, self.model, name, notes, advance, keep_trajectories, self.settings.trackers
         )
         if self.classifier is not None:
-            from fdd.learning.opinion import opinion
+            from fdd.learning.stored import opinion
 
             file = Path(str(self.settings.classifier)).name
             found.diagnosis.second_opinion = opinion(

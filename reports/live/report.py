@@ -19,7 +19,7 @@ from fdd.cli.console import progress, remark
 from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
 from fdd.faults import fault
-from fdd.identification import identify_unit
+from fdd.identification.identify import identify_unit
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from made_units import SEEDS, Case, calibration_logs, random_unit
 
-from fdd.identification import identify_unit
+from fdd.identification.identify import identify_unit
 from fdd.unit import Unit
 
 

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from fdd import InputError, Samples, Scenario, Unit, identify
 from fdd.cli.app import app
 from fdd.diagnosis.baseline import add_baseline
-from fdd.identification import identify_unit
 from fdd.identification.from_logs import add_logs
+from fdd.identification.identify import identify_unit
 from fdd.plant.to_file import write_simulation
 
 STROKES = {"name": "constant_speed", "amplitude": 0.08, "speeds": (60.0, 105.0), "turn": 5.0, "dwell": 0.3}

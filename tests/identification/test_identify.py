@@ -9,8 +9,8 @@ import pytest
 from made_units import TEMPERATURE, Case, calibration_logs, identified, only, random_unit, scaled
 
 from fdd.errors import InputError
-from fdd.identification import identify_unit
 from fdd.identification.friction import curve
+from fdd.identification.identify import identify_unit
 from fdd.identification.profile import Identification
 from fdd.plant import oil as plant_oil
 from fdd.plant.scenario import Scenario

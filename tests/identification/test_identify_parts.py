@@ -10,8 +10,8 @@ from made_units import calibration_logs, identified, random_unit
 from scipy import signal
 from scipy.signal import butter, sosfilt
 
-from fdd.identification import identify_unit
 from fdd.identification.friction import curve, fit_friction
+from fdd.identification.identify import identify_unit
 from fdd.identification.record import Record
 from fdd.identification.sensors import effective_noise, resolution, welch
 from fdd.plant import oil as plant_oil

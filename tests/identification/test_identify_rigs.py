@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fdd.identification import identify_unit
+from fdd.identification.identify import identify_unit
 from fdd.logs import ChannelMap, read_log
 from fdd.unit import Unit
 

@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError
-from fdd.identification import identify_unit
+from fdd.identification.identify import identify_unit
 from fdd.identification.judgement import Judgement, judge
 from fdd.identification.log_scales import check_scales
 from fdd.identification.signs import NEAR

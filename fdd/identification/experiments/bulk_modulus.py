@@ -40,9 +40,7 @@ BAR = 1e-5
 def bulk_modulus(records: list[Record], unit: Unit) -> Outcome:
     """Bulk modulus at the logs' usual pressure and over pressure, and the free air behind that.
 
-    Raises
-    ------
-    InputError : a gain or pressures that cannot be this unit's.
+    Raises InputError: a gain or pressures that cannot be this unit's.
     """
     out = Outcome("bulk-modulus", "Effective bulk modulus")
     found, notes = _fitted(records, unit, None)

@@ -32,22 +32,18 @@ SLOW, FAST = 1.0, 3.0
 """Times the profile's Stribeck velocity that the slowest and the fastest strokes must reach at least."""
 ZERO_PRESSURE = 3.0e3
 """Pa, standard deviation of a pressure sensor's zero."""
+RANGES = {"stribeck_velocity": (1e-4, 0.2, 0.01), "stribeck_exponent": (0.1, 3.0, 1.0)}
+"""Least, most, and usual size."""
 COEFFICIENTS = {
     "coulomb": ("Coulomb friction", "N"), "static": ("static friction", "N"),
     "stribeck_velocity": ("Stribeck velocity", "m/s"), "viscous": ("viscous friction", "N*s/m"),
 }  # fmt: skip
 
 
-def fit_curve(
-    speed: Array, friction: Array, start: FrictionBranch, free: tuple[str, ...], std: Array | float = 1.0
-) -> FrictionBranch:
-    """Least squares of eq. 5.12.
+def fit_curve(speed: Array, friction: Array, start: FrictionBranch, free: tuple[str, ...]) -> FrictionBranch:
+    """Least squares of eq. 5.12 to `friction` (N) at `speed` (m/s), (n,) each.
 
-    Parameters
-    ----------
-    speed, friction : (n,) m/s and N. std : (n,) N, of each.
-    start : first guess, and the coefficients that are given.
-    free : the coefficients to fit.
+    `free` are the coefficients to fit, from `start`, which has the others.
 
     Examples
     --------
@@ -59,18 +55,14 @@ def fit_curve(
     >>> round(found.coulomb, 3), round(found.stribeck_velocity, 5), round(found.stribeck_exponent, 3)
     (100.0, 0.02, 0.7)
     """
-    low = {"stribeck_velocity": 1e-4, "stribeck_exponent": 0.1}
-    high = {"stribeck_velocity": 0.2, "stribeck_exponent": 3.0}
-    scale = {"stribeck_velocity": 0.01, "stribeck_exponent": 1.0}
+    low, high, scale = zip(*(RANGES.get(n, (0.0, np.inf, 100.0)) for n in free), strict=True)
 
     def branch(theta: Array) -> FrictionBranch:
         return start.model_copy(update=dict(zip(free, theta.tolist(), strict=True)))
 
-    bounds = ([low.get(n, 0.0) for n in free], [high.get(n, np.inf) for n in free])
-    first = np.clip([getattr(start, n) for n in free], bounds[0], bounds[1])
     solved = least_squares(
-        lambda theta: (curve(branch(theta), speed) - friction) / std,
-        first, bounds=bounds, x_scale=[scale.get(n, 100.0) for n in free],
+        lambda theta: curve(branch(theta), speed) - friction,
+        np.clip([getattr(start, n) for n in free], low, high), bounds=(low, high), x_scale=scale,
         max_nfev=2000, xtol=1e-12, ftol=1e-12,
     )  # fmt: skip
     return branch(solved.x)

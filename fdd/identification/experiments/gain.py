@@ -40,15 +40,9 @@ LOADED = 5e5
 
 
 def dead_band(levels: Array, speeds: Array, moves: Mask) -> float:
-    """Where the line through the speeds of what moves meets zero.
+    """Where the line through the speeds of what moves meets zero; NaN where it moves at fewer than three.
 
-    Parameters
-    ----------
-    levels, speeds, moves : (n,) of command or pump speed, of what it moves, and whether it moves.
-
-    Returns
-    -------
-    As `levels`; NaN where it moves at fewer than three.
+    `levels`, `speeds` and `moves` (n,) are command or pump speed, that of what it moves, and whether it does.
 
     Examples
     --------
@@ -131,18 +125,16 @@ def _slope(
     """Gain and slip in one direction: velocity over pump speed, less what a pressure loses."""
     groups, area = np.unique(group[fast]), unit.cylinder.area_1
     if np.count_nonzero(fast) < 2 * LEAST_WINDOWS or groups.size < 3:
-        out.not_told.append(
-            f"Gain {name}: fewer than {2 * LEAST_WINDOWS} steady windows above "
-            f"{30 / np.pi * SLOW * unit.drive.max_speed:.0f} rpm."
-        )
+        slowest = f"{30 / np.pi * SLOW * unit.drive.max_speed:.0f} rpm"
+        out.not_told.append(f"Gain {name}: fewer than {2 * LEAST_WINDOWS} steady windows above {slowest}.")
         return
     profile = unit.pump.displacement / area
     loaded = np.ptp(pressure[fast]) > LOADED
     holding = unit.pump.cross_port_leakage + unit.pump.case_leakage
-    # Where no load tells the slip, the profile's leakage takes it off, a third of it left open.
-    slipped = np.zeros(pump.size) if loaded else holding * pressure / area
     # The pump moves oil, not volume: its ports' mean density is less than the driven chamber's.
-    slipped = slipped + profile * pump * pressure / (2.0 * unit.oil.bulk_modulus)
+    slipped = profile * pump * pressure / (2.0 * unit.oil.bulk_modulus)
+    if not loaded:  # no load tells the slip: the profile's leakage takes it off, a third of it left open
+        slipped = holding * pressure / area + slipped
     m = np.column_stack([pump, *([-pressure] if loaded else [])])
     scale, met = np.abs(m[fast]).max(axis=0), velocity + slipped
 
@@ -174,10 +166,8 @@ def _dead(
     speeds, groups = pump[slides], np.unique(group[slides])
     told = speeds.size >= 2 * LEAST_WINDOWS and np.ptp(speeds) > 0.5 * np.median(speeds)
     if not told or groups.size < 3 or np.count_nonzero(stands) < 2:
-        out.not_told.append(
-            f"Dead band {name}: it needs slow pump speeds at which the piston stands and several at "
-            "which it slides."
-        )
+        needs = "it needs slow pump speeds at which the piston stands and several at which it slides."
+        out.not_told.append(f"Dead band {name}: {needs}")
         return
     value = dead_band(pump, velocity, slides)
     half = float(_jackknifed([dead_band(pump, velocity, slides & (group != g)) for g in groups]))

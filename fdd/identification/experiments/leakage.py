@@ -53,10 +53,9 @@ class _Rows:
         self.arrived = (steps.y[longest] - m[:, others] @ theta[others]) / seconds
         self.block, self.temperature = steps.block[longest], temperature[longest]
 
-    def fit(self, rows: NDArray[np.bool_] | None = None, *, orifice: bool) -> tuple[Array, Array]:
+    def fit(self, use: NDArray[np.bool_] | slice = slice(None), *, orifice: bool) -> tuple[Array, Array]:
         """Displacement over the profile's, laminar coefficient, and on wish the orifice's; and their standard
         deviations, jackknifed over blocks of 2 s."""
-        use = np.ones(self.block.size, bool) if rows is None else rows
         pressure, y = self.pressure[use], self.arrived[use]
         root = np.sign(pressure) * np.sqrt(np.abs(pressure))
         m = np.column_stack([self.pumped[use], -pressure, *([-root] if orifice else [])])
@@ -96,8 +95,7 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     low, high = (float(q) for q in np.quantile(np.abs(rows.pressure), [0.05, 0.95]))
     gain, gain_std = rows.fit(orifice=False)
     # The share that the pressure sensors' zeros may make: less under load.
-    offset = redundancy_offset(records)
-    zero_pressure = max(USUAL_ZERO, 0.0 if offset is None else 0.5 * abs(offset.value))
+    zero_pressure = max(USUAL_ZERO, 0.5 * abs(redundancy_offset(records)))
     drops = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.1)[:: r.rows(0.1)] for r in records])
     zero = zero_pressure / max(float(np.sqrt(np.mean(drops**2))), zero_pressure) * gain[1]
     std = float(np.hypot(np.hypot(gain_std[1], zero), MODEL * gain[1]))
@@ -164,12 +162,11 @@ def _over_temperature(out: Outcome, rows: _Rows, unit: Unit, reference: float) -
             f"Leakage over temperature: the oil's changes by {span:.1f} K only, {WARMING:.0f} K are needed."
         )
         return
-    edges = np.quantile(t[known], [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
     out.heads = ("oil temperature", "leakage", "95 %", f"by viscosity, over {reference:.0f} °C")
-    for a, b in pairwise(edges):
-        rows_of = known & (t >= a) & (t <= b)
-        found, std = rows.fit(rows_of, orifice=False)
-        middle = float(np.median(t[rows_of]))
+    for a, b in pairwise(np.quantile(t[known], [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])):
+        third = known & (t >= a) & (t <= b)
+        found, std = rows.fit(third, orifice=False)
+        middle = float(np.median(t[third]))
         # What the steps carry is referred to one temperature; this takes it back to its own.
         thinner = float(viscosity(unit.oil, np.array(reference)) / viscosity(unit.oil, np.array(middle)))
         value, half = found[1] * thinner, NORMAL_95 * std[1] * thinner

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 NORMAL_95 = 1.96
 """Standard deviations either side that hold 95 %."""
+MOST_POINTS = 3000
 SHOWN = {
     "m^3/rad": (2e6 * pi, "cm³/turn"), "m^3/(s*Pa)": (1e12, "1e-12 m³/(s·Pa)"), "Pa": (1e-5, "bar"),
     "m^3": (1e6, "cm³"), "m^2": (1e4, "cm²"), "degC": (1.0, "°C"), "1": (1.0, ""),
@@ -74,7 +75,6 @@ class Outcome:
 
     Attributes
     ----------
-    kind, title : of the experiment. told : its figures.
     not_told : what the log does not excite, one sentence each. notes : what else to know.
     heads, rows : a table beside the figures, as text. figures : of the page.
     curves : what the figures show, for ``--json``: name to columns, SI.
@@ -88,7 +88,7 @@ class Outcome:
     heads: tuple[str, ...] = ()
     rows: list[tuple[str, ...]] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
-    curves: dict[str, dict[str, Any]] = field(default_factory=dict)
+    curves: dict[str, dict[str, Array]] = field(default_factory=dict)
 
     def tell(self, quantity: str, value: float, std: float, unit: str, note: str = "") -> None:
         """Add a figure by its standard deviation."""
@@ -97,19 +97,14 @@ class Outcome:
     def as_data(self) -> dict[str, Any]:
         """What ``--json`` writes; JSON lacks NaN."""
 
-        def plain(values: Any) -> Any:
-            if isinstance(values, np.ndarray):
-                return [float(v) if np.isfinite(v) else None for v in values]
-            return values
+        def plain(column: Array) -> list[float | None]:
+            return [float(v) if np.isfinite(v) else None for v in column]
 
         return {
             "schema": "fdd.experiment/1",
             "experiment": self.kind,
-            "told": [
-                {"quantity": t.quantity, "value": t.value, "interval": [t.low, t.high], "unit": t.unit,
-                 "note": t.note}
-                for t in self.told
-            ],
+            "told": [{"quantity": t.quantity, "value": t.value, "interval": [t.low, t.high], "unit": t.unit,
+                      "note": t.note} for t in self.told],
             "not_told": self.not_told,
             "notes": self.notes,
             "table": [dict(zip(self.heads, row, strict=True)) for row in self.rows],
@@ -139,13 +134,12 @@ def points(x: Array, y: Array, low: Array, high: Array, name: str, colour: str) 
     return tr.scatter(tr.packed(x), tr.packed(y), name, mode="markers", error_y=bars, marker=marker)
 
 
-def cloud(x: Array, y: Array, name: str, colour: str, most: int = 3000) -> tr.Trace:
-    """Many small points, at most `most` of them."""
-    kept = slice(None, None, max(-(-x.size // most), 1))
+def cloud(x: Array, y: Array, name: str, colour: str) -> tr.Trace:
+    """Many small points, at most `MOST_POINTS`."""
+    thin = max(-(-x.size // MOST_POINTS), 1)
     marker = {"color": colour, "size": 3, "opacity": 0.35}
-    return tr.scatter(
-        tr.packed(x[kept]), tr.packed(y[kept]), name, mode="markers", marker=marker, hoverinfo="skip"
-    )
+    shown = tr.packed(x[::thin]), tr.packed(y[::thin])
+    return tr.scatter(*shown, name, mode="markers", marker=marker, hoverinfo="skip")
 
 
 def curve_line(x: Array, y: Array, name: str, colour: str, dash: str = "solid") -> tr.Trace:

@@ -98,10 +98,7 @@ class Model:
 def fit_model(series: list[Series], period: float, order: int, delay: int) -> Model:
     """Make the sum of squared prediction errors least.
 
-    Parameters
-    ----------
-    series : one or more stretches. period : s.
-    order : of f; b has one coefficient more, c and d two at most. delay : samples.
+    `order` is that of f: b has one coefficient more, c and d two at most. `period` in s, `delay` in samples.
 
     Examples
     --------
@@ -119,8 +116,7 @@ def fit_model(series: list[Series], period: float, order: int, delay: int) -> Mo
         b, c, d, f = _split(order, delay, theta)
         if max(np.abs(np.roots(p)).max(initial=0.0) for p in (c, f)) >= 1.0:
             return np.full(sum(int(s.used.sum()) for s in series), UNSTABLE * size)
-        left = [lfilter(d, c, s.caused - lfilter(b, f, s.given))[s.used] for s in series]
-        return np.concatenate(left)
+        return np.concatenate([lfilter(d, c, s.caused - lfilter(b, f, s.given))[s.used] for s in series])
 
     def jacobian(theta: Array) -> Array:
         b, c, d, f = _split(order, delay, theta)
@@ -144,15 +140,9 @@ def fit_model(series: list[Series], period: float, order: int, delay: int) -> Mo
     inverse = np.linalg.pinv(slopes.T @ slopes, hermitian=True)
     step = max(round(SCORE_SECONDS / period), 1)
     scores = np.add.reduceat(slopes * left[:, None], np.arange(0, rows, step))
-    groups = scores.shape[0]
-    meat = scores.T @ scores * groups / max(groups - theta.size, 1)
+    meat = scores.T @ scores * len(scores) / max(len(scores) - theta.size, 1)
     bic = rows * np.log(float(np.mean(left**2)) + 1e-300) + theta.size * np.log(rows)
     return Model(order, delay, period, theta, inverse @ meat @ inverse, float(bic))
-
-
-def best_model(series: list[Series], period: float, orders: tuple[int, ...], delay: int) -> Model:
-    """The model of the order with the least BIC; parameters as in `fit_model`."""
-    return min((fit_model(series, period, n, delay) for n in orders), key=lambda m: m.bic)
 
 
 def find_delay(series: list[Series], most: int) -> int:
@@ -162,9 +152,8 @@ def find_delay(series: list[Series], most: int) -> int:
 
 def _split(order: int, delay: int, theta: Array) -> tuple[Array, Array, Array, Array]:
     few = min(order, 2)
-    b, c, d, f = np.split(theta, np.cumsum([order + 1, few, few]))
-    one = np.ones(1)
-    c, d, f = (np.concatenate([one, p]) for p in (c, d, f))
+    b, *others = np.split(theta, np.cumsum([order + 1, few, few]))
+    c, d, f = (np.concatenate([[1.0], p]) for p in others)
     return np.concatenate([np.zeros(delay), b]), c, d, f
 
 

@@ -15,7 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.stats import chi2
 
 from fdd.identification.experiments.outcome import NORMAL_95, Outcome, Told, axes, curve_line
-from fdd.identification.experiments.polynomial import Model, Series, best_model, find_delay
+from fdd.identification.experiments.polynomial import Model, Series, find_delay, fit_model
 from fdd.identification.experiments.spectra import Spectra, half_power_frequency, halves, stretches, welch
 from fdd.identification.record import Record
 from fdd.report import traces as tr
@@ -94,13 +94,11 @@ def frequency_response(
 
     Parameters
     ----------
-    records : logs. unit : profile, whose natural frequency sets the grid and is compared with.
+    unit : profile, whose natural frequency sets the grid and is compared with.
     given : pump_speed or command. caused : rate, position or pressure_difference.
     order : poles of the model; by default 1 to 4, by BIC. window_s : s, of Welch's windows.
 
-    Raises
-    ------
-    InputError : as `stretches`.
+    Raises InputError: as `stretches`.
     """
     natural = from_profile(unit, 0.0).natural_hz
     series, period = stretches(records, given, caused, RATE * natural)
@@ -109,7 +107,7 @@ def frequency_response(
     fitting, held_out = halves(series)
     delay = find_delay(fitting, round(LONGEST_DELAY / period))
     orders = ORDERS if order is None else (order,)
-    model = best_model(fitting, period, orders, delay)
+    model = min((fit_model(fitting, period, n, delay) for n in orders), key=lambda m: m.bic)
     fit, p_white, worst = _tested(model, held_out)
     # The highest frequency with coherence about it.
     smooth = np.convolve(spectra.coherence, np.full(3, 1.0 / 3.0), mode="same")
@@ -194,10 +192,8 @@ def _tell(out: Outcome, model: Model, held_out: list[Series], natural: float | N
             out.tell("corner of a real pole", hz[k], hz_std[k], "Hz")
     out.not_told += [
         f"The pole pair at {hz[k]:.3g} Hz: the model simulates less than half of what the held-out output "
-        "holds about that frequency."
-        for k in pairs
-        if k not in seen
-    ]
+        "holds about that frequency." for k in pairs if k not in seen
+    ]  # fmt: skip
     if natural is not None and not seen:
         out.not_told.append(f"The hydraulic natural frequency, {natural:.3g} Hz by the profile.")
 
@@ -266,6 +262,7 @@ def _draw(
     for key, label, colour, at, response in drawn:
         response = response / (2j * np.pi * at) if integrate else response
         size, phase = np.abs(response), degrees(response)
+        band: dict[str, Array] = {}
         if key == "measured":
             radius = measured.radius / np.abs(2j * np.pi * at) if integrate else measured.radius
             low, high = np.maximum(size - radius, 0.1 * size), size + radius
@@ -274,9 +271,7 @@ def _draw(
             angle.append(tr.band(at, phase - spread, phase + spread, "", colour))
             band = {"magnitude_low": np.maximum(size - radius, 0.0), "magnitude_high": high,
                     "coherence": measured.coherence}  # fmt: skip
-        else:
-            band = {}
-            # Whole turns bring a model's phase next to the measured one.
+        else:  # whole turns bring a model's phase next to the measured one
             there = np.interp(at[0], f, out.curves["measured"]["phase_deg"])
             phase += 360.0 * float(np.round((there - phase[0]) / 360.0))
         out.curves[key] = {"frequency_hz": at, "magnitude": size, "phase_deg": phase, **band}

@@ -31,7 +31,7 @@ OVERLAPPED = 1.056
 
 
 def stretches(records: list[Record], given: str, caused: str, rate_hz: float) -> tuple[list[Series], float]:
-    """The stretches of all logs with the strongest input, and their sampling interval (s).
+    """The stretches of all logs with the strongest input, about their means, and their sampling interval (s).
 
     Every signal is averaged over each interval: for a held command and for counts of an encoder that is
     exact, where rates taken at one instant would be late by half a sample.
@@ -41,13 +41,7 @@ def stretches(records: list[Record], given: str, caused: str, rate_hz: float) ->
     records : logs of one sampling rate. given : pump_speed or command.
     caused : rate, position or pressure_difference. rate_hz : the grid is no coarser than this.
 
-    Returns
-    -------
-    Stretches about their means whose `used` rows are neither settling nor filtered from beyond an end.
-
-    Raises
-    ------
-    InputError : no command in the log, logs of different rates, or no gapless two seconds.
+    Raises InputError: no command in the log, logs of different rates, or no gapless two seconds.
     """
     period = records[0].period
     if any(abs(r.period / period - 1.0) > 0.01 for r in records):
@@ -143,14 +137,8 @@ def welch(series: list[Series], period: float, window_s: float) -> Spectra:
 def half_power_frequency(frequency: Array, magnitude: Array, reference: float) -> float:
     """Where a response first falls below `reference`/√2, between the points by a straight line.
 
-    Parameters
-    ----------
-    frequency : (n,) Hz, rising. magnitude : (n,) of the response.
-    reference : magnitude that counts as undiminished.
-
-    Returns
-    -------
-    Hz; NaN where the magnitude never falls so far, the first frequency where it begins below.
+    It is in Hz as `frequency` (n,), which rises; NaN where the `magnitude` (n,) never falls so far, the first
+    frequency where it begins below.
 
     Examples
     --------
