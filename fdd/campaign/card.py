@@ -32,31 +32,23 @@ def write_sums(directory: Path) -> None:
     Manifest and card are left out: they are written after it. So is what others put there.
     """
     files = [directory / RECIPE, directory / LABELS, *(p for p in directory.glob("*/*") if p.is_file())]
-    named = sorted((path, path.relative_to(directory)) for path in files)
+    named = ((path, path.relative_to(directory)) for path in sorted(files))
     shown = [(p, name) for p, name in named if not any(part.startswith(".") for part in name.parts)]
     write_text(directory / SUMS, "".join(f"{sha256_of(p)}  {name.as_posix()}\n" for p, name in shown))
 
 
 def write_card(directory: Path) -> None:
-    """Write a data set's card (Markdown), unless somebody has written one.
-
-    Raises
-    ------
-    InputError : not a data set.
-    """
+    """Write a data set's card (Markdown), unless somebody has written one."""
     if not (directory / dataset.CARD).is_file():
-        write_text(directory / dataset.CARD, card(Dataset.load(directory)))
+        write_text(directory / dataset.CARD, _card(Dataset.load(directory)))
 
 
-def card(data: Dataset) -> str:
+def _card(data: Dataset) -> str:
     """The card's text: it depends on recipe and labels alone."""
     recipe, made = data.recipe, data.manifest
-    head = {
-        "pretty_name": made.name,
-        "tags": ["fault-detection", "electro-hydrostatic-actuator", "simulated"],
-    }
-    if recipe.licence:
-        head = {"license": recipe.licence, **head}
+    tags = ["fault-detection", "electro-hydrostatic-actuator", "simulated"]
+    licence = {"license": recipe.licence} if recipe.licence else {}
+    head = {**licence, "pretty_name": made.name, "tags": tags}
     rates = sorted({s.rate for s in recipe.structures} or {recipe.recording.rate})
     # Machines that differ in kind have channels of their own.
     alike = data.logs and not recipe.structures

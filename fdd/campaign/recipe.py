@@ -91,18 +91,13 @@ class Recipe(Validated):
 
     Attributes
     ----------
-    name, description : kept with the data.
-    seed : fixes everything random.
     bases : shipped profiles (or paths) that units are varied from, in turn.
-    units, logs_per_unit : how many.
     population : how units and their logs differ: ``uniform``, every physical parameter within ± `variation`;
         ``stated``, each by a distribution of its own with its source (`fdd.campaign.population`).
     variation : share of its base's value within which every physical parameter is drawn uniformly.
     area_mismatch : most by which the second area departs from the first, relative; 0 keeps them equal. Both
         with the uniform population alone.
-    sensors : errors and noise of the sensors.
     duration : s of each log.
-    healthy_share : share of logs without a fault.
     faults : id of the catalogue to its weight and severities.
     laws : by which faults come that may have several: ``first``, which signatures know best; ``all``;
         ``unseen``, all but the first, where there are others. See `laws_of`.
@@ -120,14 +115,12 @@ class Recipe(Validated):
     oil_temperature, warming : °C at the start, °C/s.
     charge_factor : accumulator charge over the unit's.
     ranges : duty or load to its parameters' ranges, where the plant's usual ones are not wanted.
-    recording : dropped rows, late stamps, NaN.
     baseline : whether each unit also makes healthy calibration runs, for ``fdd identify``.
     baseline_kind : what these are: strokes, multi-sine and throttled strokes that were made for
         ``identification``, or ``ordinary`` ones: strokes at several speeds and two runs of work.
     structures : machines that differ in kind, drawn by weight for each unit; none: the bases as they are.
     conditions : what departs from the recipe in single logs, drawn by weight; never in a baseline.
     twins : whether each faulty log is simulated again without its faults.
-    format : of the logs.
     licence, cite : what the data set's card says of them.
 
     Raises
@@ -212,12 +205,12 @@ class Recipe(Validated):
         for field, weights in (("profiles", self.profiles), ("duties", self.duties), ("loads", self.loads)):
             if not sum(weights.values()) > 0.0:
                 raise InputError("all weights are 0", where=f"recipe {field}", mend="give one a weight")
-        if self.healthy_share < 1.0 and not sum(f.weight for f in self.faults.values()) > 0.0:
-            problem = (
-                f"{1.0 - self.healthy_share:.0%} of the logs are to be faulty, but no fault has a weight"
-            )
+        weighted = sum(f.weight > 0.0 for f in self.faults.values())
+        if self.healthy_share < 1.0 and not weighted:
+            faulty = 1.0 - self.healthy_share
+            problem = f"{faulty:.0%} of the logs are to be faulty, but no fault has a weight"
             raise InputError(problem, where="recipe faults", mend="name faults, or set healthy_share to 1")
-        if self.second_fault_share > 0.0 and sum(f.weight > 0.0 for f in self.faults.values()) < 2:
+        if self.second_fault_share > 0.0 and weighted < 2:
             raise InputError("second_fault_share needs two faults with a weight", where="recipe faults")
         for field, (low, high), least, most in (
             ("severity", self.severity, 0.0, 1.0),

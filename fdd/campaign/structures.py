@@ -30,9 +30,7 @@ class Departure(Validated):
 
     Attributes
     ----------
-    name, weight : in labels; share among its likes.
-    duties, loads, oil_temperature, warming, charge_factor, position_gain, speed_control_share : as the
-        recipe's own.
+    weight : share among its likes.
     loop : factor on the poles and the zero of the drive's velocity loop: a loop tuned anew.
     noise : factor on the noise of all sensors.
     """
@@ -81,11 +79,6 @@ class Structure(Departure):
     sensors : channel to field to range: noise, resolution, bandwidth_hz.
     rate, speed, channels : of the log, see `fdd.plant.sensors.recording.Recording`.
     baseline_kind : None takes the recipe's.
-
-    Examples
-    --------
-    >>> Structure(name="slow", details={"check_lag": [0.005, 0.02], "friction_law": "dahl"}).rate
-    1000
     """
 
     base: str | None = None
@@ -145,18 +138,17 @@ class Structure(Departure):
             unit = Unit.load(self.base or base)
         else:
             unit = sized_unit(self.size, rng, oil_temperatures)
-        parts: dict[str, Any] = {}
-        for name, ranges in self.profile.items():
-            section = getattr(unit, name)
-            parts[name] = section.model_copy(update={**drawn(rng, ranges), "provenance": {}})
+        parts = {
+            name: getattr(unit, name).model_copy(update={**drawn(rng, ranges), "provenance": {}})
+            for name, ranges in self.profile.items()
+        }
         unit = unit.model_copy(update=parts)
         if self.size is not None and "oil" in parts and "accumulator" not in parts:
             unit = with_accumulator(unit, oil_temperatures)  # softer oil asks for more of it
         sensors = dict(unit.sensors)
         for channel, ranges in self.sensors.items():
-            sensors[channel] = Sensor(
-                **{**sensors[channel].model_dump(exclude={"source", "lines"}), **drawn(rng, ranges)}
-            )
+            known = sensors[channel].model_dump(exclude={"source", "lines"})
+            sensors[channel] = Sensor(**{**known, **drawn(rng, ranges)})
         described = f"{unit.description} Structure {self.name}."
         unit = unit.model_copy(update={"sensors": sensors, "description": described})
         return Unit.from_yaml(self.changed(unit, rng).to_yaml())
