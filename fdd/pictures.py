@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 from fdd.errors import InputError
 
 STYLE = {
@@ -14,9 +16,6 @@ STYLE = {
 
 def require_matplotlib() -> None:
     """Refuse where matplotlib is missing, and say what to install."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise InputError(
-            "matplotlib, which draws the pictures, is not installed", mend="install fdd[reports]"
-        ) from None
+    if find_spec("matplotlib") is None:
+        problem = "matplotlib, which draws the pictures, is not installed"
+        raise InputError(problem, mend="install fdd[reports]")
