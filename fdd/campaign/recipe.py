@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from fdd.bounds import MAX_RECIPE_BYTES
-from fdd.campaign.ranges import Range, Share, Weight
+from fdd.campaign.ranges import Range, Share, Weight, within
 from fdd.campaign.structures import Condition, Structure
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
@@ -28,6 +28,7 @@ from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
 RECIPE_SCHEMA = "fdd.recipe/1"
 MIN_DURATION = 3.0
 """s; readers of logs refuse shorter ones."""
+Severities = Annotated[Range, within(0.0, 1.0)]
 
 ZERO_ERROR = {
     "position": 2e-3,
@@ -66,7 +67,7 @@ class FaultShare(Validated):
     """
 
     weight: Weight = 1.0
-    severity: Range | None = None
+    severity: Severities | None = None
     variants: tuple[str, ...] | None = None
     laws: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=_is_none)] = None
 
@@ -81,7 +82,7 @@ class SensorVariation(Validated):
     zero_error : channel to the most that its zero is off (SI).
     """
 
-    noise_factor: Range = (0.5, 2.5)
+    noise_factor: Annotated[Range, within(0.01, 100.0)] = (0.5, 2.5)
     gain_error: Annotated[float, Field(ge=0.0, le=0.2)] = 0.005
     zero_error: dict[str, Weight] = Field(default_factory=lambda: dict(ZERO_ERROR))
 
@@ -147,24 +148,24 @@ class Recipe(Validated):
     variation: Annotated[float, Field(ge=0.0, le=0.5)] = 0.15
     area_mismatch: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
     sensors: SensorVariation = SensorVariation()
-    duration: Range = (40.0, 60.0)
+    duration: Annotated[Range, within(MIN_DURATION, 3600.0)] = (40.0, 60.0)
     healthy_share: Share = 0.3
     faults: dict[str, FaultShare] = Field(default_factory=dict)
     laws: Annotated[Literal["first", "all", "unseen"], Field(exclude_if=lambda how: how == "first")] = "first"
-    severity: Range = (0.15, 1.0)
+    severity: Severities = (0.15, 1.0)
     fault_scales: dict[str, Range] = Field(default_factory=lambda: dict(FaultScales.usual))
     second_fault_share: Share = 0.0
     stuck_valve: Literal["any", "loaded"] = "any"
-    onset: Range = (0.2, 0.6)
+    onset: Annotated[Range, within(0.0, 0.99)] = (0.2, 0.6)
     at_start_share: Share = 0.1
     profiles: dict[str, Weight] = Field(default_factory=lambda: dict(PROFILE_WEIGHTS))
     duties: dict[str, Weight] = Field(default_factory=lambda: dict(DUTY_WEIGHTS))
     loads: dict[str, Weight] = Field(default_factory=lambda: dict(LOAD_WEIGHTS))
     speed_control_share: Share = 0.3
-    position_gain: Range = (4_000.0, 16_875.0)
-    oil_temperature: Range = (25.0, 55.0)
-    warming: Range = (0.0, 0.03)
-    charge_factor: Range = (0.7, 1.4)
+    position_gain: Annotated[Range, within(1.0, 30_000.0)] = (4_000.0, 16_875.0)
+    oil_temperature: Annotated[Range, within(-20.0, 100.0)] = (25.0, 55.0)
+    warming: Annotated[Range, within(-0.5, 0.5)] = (0.0, 0.03)
+    charge_factor: Annotated[Range, within(0.2, 3.0)] = (0.7, 1.4)
     ranges: dict[str, dict[str, Range]] = Field(default_factory=dict)
     recording: Recording = Recording()
     baseline: bool = True
@@ -212,20 +213,6 @@ class Recipe(Validated):
             raise InputError(problem, where="recipe faults", mend="name faults, or set healthy_share to 1")
         if self.second_fault_share > 0.0 and weighted < 2:
             raise InputError("second_fault_share needs two faults with a weight", where="recipe faults")
-        for field, (low, high), least, most in (
-            ("severity", self.severity, 0.0, 1.0),
-            *((f"faults {n}", f.severity, 0.0, 1.0) for n, f in self.faults.items() if f.severity),
-            ("onset", self.onset, 0.0, 0.99),
-            ("duration", self.duration, MIN_DURATION, 3600.0),
-            ("position_gain", self.position_gain, 1.0, 30_000.0),
-            ("oil_temperature", self.oil_temperature, -20.0, 100.0),
-            ("warming", self.warming, -0.5, 0.5),
-            ("charge_factor", self.charge_factor, 0.2, 3.0),
-            ("sensors noise_factor", self.sensors.noise_factor, 0.01, 100.0),
-        ):
-            if low < least or high > most:
-                problem = f"[{low:g}, {high:g}] leaves {least:g} to {most:g}"
-                raise InputError(problem, where=f"recipe {field}", mend="correct that range")
         return self
 
     def laws_of(self, name: str) -> tuple[str, ...]:
