@@ -18,7 +18,6 @@ from fdd.yaml_reading import yaml_of
 _TWINS = """- `unit_NNN/twin_NNN.{format}`: each faulty log once more without its faults. Draws and noise are
   the same: equal to the last bit before the onset, and different after it by what the faults do.
 """
-_STATED = "by the distributions of `fdd.campaign.population`, each with its source"
 _VISIBILITY = """Log less twin, rms over the whole log, in standard deviations of the channel's noise (white
 noise, tones, rounding). The largest rms is that of the pressures and the motor's current; visible: it is at
 least one. The last columns count logs by it. Rows lost: it is below 1, but the fault takes values out of the
@@ -59,9 +58,10 @@ def _card(data: Dataset) -> str:
     told = {name: ", ".join(u for u in data.units if split[u] == name) or "none" for name in dataset.SPLITS}
     twins = _TWINS.format(format=recipe.format) if recipe.twins else ""
     visible = _visible(data) if recipe.twins else ""
-    spread = f"within {recipe.variation:.0%}" if recipe.population == "uniform" else _STATED
-    sha = made.sha256
-    cite = f"{made.name}, simulated with fdd {made.version}, seed {made.seed}, SHA-256 {sha}."
+    spread = f"within {recipe.variation:.0%}"
+    if recipe.population == "stated":
+        spread = "by the distributions of `fdd.campaign.population`, each with its source"
+    cite = f"{made.name}, simulated with fdd {made.version}, seed {made.seed}, SHA-256 {made.sha256}."
     return f"""---
 {yaml_of(head)}---
 
@@ -98,7 +98,7 @@ No unit is in two splits.
 
 ## Hashes
 
-`{MANIFEST}` holds the SHA-256 of labels and recipe, {sha};
+`{MANIFEST}` holds the SHA-256 of labels and recipe, {made.sha256};
 `{SUMS}` holds those of all files (`sha256sum -c {SUMS}`). `fdd.load_dataset` checks them.
 
 ## Licence

@@ -33,16 +33,13 @@ def made(name: str) -> Any:
     """
     known = {a.name: a for a in additions(CLASSIFIERS)}
     module, colon, function = name.partition(":")
+    if not colon and name not in known:
+        mend = f"give {', '.join(sorted(known)) or 'none is installed'}, or MODULE:FUNCTION"
+        raise InputError("no classifier of that name", where=name, mend=mend)
     try:
-        if colon:
-            if str(Path.cwd()) not in sys.path:
-                sys.path.append(str(Path.cwd()))
-            make = getattr(import_module(module), function)
-        elif name in known:
-            make = known[name].load()
-        else:
-            mend = f"give {', '.join(sorted(known)) or 'none is installed'}, or MODULE:FUNCTION"
-            raise InputError("no classifier of that name", where=name, mend=mend)
+        if colon and str(Path.cwd()) not in sys.path:
+            sys.path.append(str(Path.cwd()))
+        make = getattr(import_module(module), function) if colon else known[name].load()
         estimator = make()
     except InputError:
         raise

@@ -98,18 +98,17 @@ class AnswersFolder:
 
 
 def worked(
-    jobs: Sequence[tuple[int, Job]], settings: Settings, workers: int | None, engine: Engine = "local"
+    jobs: Sequence[Job], settings: Settings, workers: int | None, engine: Engine = "local"
 ) -> Iterator[tuple[int, Diagnosis]]:
-    """Work numbered jobs, see `fdd.engines.map_unordered`, and show how far they are; gives their numbers and
-    answers as they come. The answer of a log that could not be read has an `error`."""
+    """Work jobs, see `fdd.engines.map_unordered`, and show how far they are; gives their numbers and answers
+    as they come. The answer of a log that could not be read has an `error`."""
     from fdd.cli.console import progress
 
     _diagnoser.cache_clear()  # its files may have changed since the last call in this process
-    plain = [job for _, job in jobs]
-    answers = map_unordered(partial(_work, settings), plain, engine=engine, workers=workers, begin=_begin)
+    answers = map_unordered(partial(_work, settings), jobs, engine=engine, workers=workers, begin=_begin)
     with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
-        for done, (k, answer) in enumerate(answers, 1):
-            yield jobs[k][0], answer
+        for done, answer in enumerate(answers, 1):
+            yield answer
             advance(done)
 
 

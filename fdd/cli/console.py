@@ -33,11 +33,6 @@ def output() -> Console:
     return _Pipe(file=sys.stdout, highlight=False, emoji=False, markup=False)
 
 
-def messages() -> Console:
-    """Console on standard error, for progress and remarks."""
-    return Console(file=sys.stderr, highlight=False, emoji=False, markup=False)
-
-
 def remark(text: str) -> None:
     """One line on standard error that is no error."""
     print(f"fdd: {' '.join(text.split())}", file=sys.stderr)
@@ -47,7 +42,7 @@ def remark(text: str) -> None:
 def progress(title: str, total: float | None = None) -> Iterator[Advance]:
     """Show progress on standard error where that is a terminal; gives the function to call with how much is
     done in all, of `total`. None shows a spinner only."""
-    console = messages()
+    console = Console(file=sys.stderr, highlight=False, emoji=False, markup=False)
     if not console.is_terminal:
         yield lambda done: None
         return

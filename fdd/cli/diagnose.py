@@ -98,9 +98,9 @@ def diagnose(
         elif len(jobs) > 1:
             if folder:
                 folder.begin()
-            todo, saved = [(k, job) for k, job in enumerate(jobs) if k not in answers], time.monotonic()
-            for k, answer in worked(todo, settings, workers, engine):
-                answers[k] = answer
+            todo, saved = [k for k in range(len(jobs)) if k not in answers], time.monotonic()
+            for place, answer in worked([jobs[k] for k in todo], settings, workers, engine):
+                answers[todo[place]] = answer
                 if folder and time.monotonic() - saved > SAVE_EVERY_S:
                     folder.write(jobs, answers, pages=False)
                     saved = time.monotonic()

@@ -174,7 +174,7 @@ def _of_logs(logs: list[Path], settings: Settings, workers: int | None, leave_ou
     paths = find_logs(logs, leave_out)
     jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
     diagnoser = Diagnoser(settings)
-    found = dict(worked(list(enumerate(jobs)), settings, workers))
+    found = dict(worked(jobs, settings, workers))
     answers, unit = [found[k] for k in sorted(found)], diagnoser.unit
     first = next((job for job, answer in zip(jobs, answers, strict=True) if answer.error is None), None)
     if unit is None and first is not None:

@@ -67,9 +67,8 @@ def _print_result(made: Identified, out: Path, *, verbose: bool) -> None:
     for remark in judged.remarks:
         console.print(f"• {remark}", soft_wrap=True)
     seconds = 0.0 if unit.baseline is None else unit.baseline.seconds
-    console.print(
-        f"Healthy baseline from {seconds:.0f} s. Profile {unit.name} written to {out}", soft_wrap=True
-    )
+    told = f"Healthy baseline from {seconds:.0f} s. Profile {unit.name} written to {out}"
+    console.print(told, soft_wrap=True)
 
 
 def _as_data(made: Identified) -> dict[str, Any]:

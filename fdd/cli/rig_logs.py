@@ -151,13 +151,8 @@ def _proposal_table(found: Proposal) -> Table:
 
 
 def _answered(question: Question) -> str:
-    from fdd.cli.console import messages
-
     options = list(question.options)
-    console = messages()
-    console.print(question.text)
-    for k, likely in enumerate(options, 1):
-        console.print(f"  {k}  {likely}")
-    console.print(f"or start again with {question.hint}")
+    listed = [f"  {k}  {likely}" for k, likely in enumerate(options, 1)]
+    typer.echo("\n".join([question.text, *listed, f"or start again with {question.hint}"]), err=True)
     chosen = typer.prompt("Number", default=1, type=int, err=True)
     return options[min(max(int(chosen), 1), len(options)) - 1]
