@@ -15,24 +15,11 @@ them by an environment variable of that name after ``FDD_``."""
 
 
 def limit(name: str) -> int:
-    """A bound of `RAISABLE`, as it is now.
-
-    Raises
-    ------
-    InputError : the variable is no whole number above 0.
-
-    Examples
-    --------
-    >>> limit("MAX_VALUES") > 0
-    True
-    """
-    text = os.environ.get(f"FDD_{name}", "").strip()
-    if not text:
-        return RAISABLE[name]
+    """A bound of `RAISABLE`, as it is now; an InputError where the variable is no whole number above 0."""
+    text = os.environ.get(f"FDD_{name}", "").strip() or str(RAISABLE[name])
     if not text.isascii() or not text.isdigit() or len(text) > 18 or int(text) == 0:
-        raise InputError(
-            f"{text[:40]!r} is no whole number above 0", where=f"FDD_{name}", mend=f"e.g. {RAISABLE[name]}"
-        )
+        problem = f"{text[:40]!r} is no whole number above 0"
+        raise InputError(problem, where=f"FDD_{name}", mend=f"e.g. {RAISABLE[name]}")
     return int(text)
 
 

@@ -43,7 +43,7 @@ def map_unordered(
     Raises
     ------
     WorkerLost : a process ended. What `function` raises is raised here, and the jobs left are dropped.
-    InputError : Ray is not there.
+    InputError : Ray is not installed, or there is no cluster at RAY_ADDRESS.
 
     Examples
     --------
@@ -51,15 +51,11 @@ def map_unordered(
     [(0, 1), (1, 3)]
     """
     if engine == "ray":
-        ray_package()
-        return _over_ray(function, jobs, workers)
+        return _over_ray(_ray_package(), function, jobs, workers)
     workers = min(workers or os.cpu_count() or 1, len(jobs))
-    return _over_processes(function, jobs, workers, begin) if workers > 1 else _here(function, jobs)
-
-
-def _here(function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[tuple[int, Result]]:
-    for number, job in enumerate(jobs):
-        yield number, function(job)
+    if workers > 1:
+        return _over_processes(function, jobs, workers, begin)
+    return ((number, function(job)) for number, job in enumerate(jobs))
 
 
 def _over_processes(
@@ -83,9 +79,15 @@ def _over_processes(
 
 
 def _over_ray(
-    function: Callable[[Job], Result], jobs: Sequence[Job], workers: int | None
+    ray: Any, function: Callable[[Job], Result], jobs: Sequence[Job], workers: int | None
 ) -> Iterator[tuple[int, Result]]:
-    ray, began = connected()
+    began = not ray.is_initialized()
+    if began:
+        try:
+            ray.init(logging_level="ERROR", log_to_driver=False)
+        except (ConnectionError, ValueError) as error:
+            where = f"Ray at {os.environ.get('RAY_ADDRESS')}"
+            raise InputError(f"cannot be reached ({error})", where=where) from None
     task = ray.remote(_task)
     most = workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
     waiting, running = iter(enumerate(jobs)), dict[Any, int]()
@@ -108,13 +110,7 @@ def _over_ray(
             ray.shutdown()
 
 
-def ray_package() -> Any:
-    """The module ray.
-
-    Raises
-    ------
-    InputError : it is not installed.
-    """
+def _ray_package() -> Any:
     # Ray tells its makers how it is used unless it is told not to.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
@@ -124,36 +120,11 @@ def ray_package() -> Any:
     return ray
 
 
-def connected() -> tuple[Any, bool]:
-    """The module ray, connected to a cluster, and whether that was done here.
-
-    Raises
-    ------
-    InputError : Ray is not installed, or there is no cluster at RAY_ADDRESS.
-    """
-    ray = ray_package()
-    began = not ray.is_initialized()
-    if began:
-        address = os.environ.get("RAY_ADDRESS")
-        try:
-            ray.init(logging_level="ERROR", log_to_driver=False)
-        except (ConnectionError, ValueError) as error:
-            raise InputError(f"cannot be reached ({error})", where=f"Ray at {address}") from None
-    return ray, began
-
-
 def _task(folder: str, function: Callable[[Job], Result], job: Job) -> Result:
-    """Work a job in a folder, so that relative paths mean what they mean where it was ordered.
-
-    Raises
-    ------
-    InputError : this machine has no such folder.
-    """
+    """Work a job in a folder, so that relative paths mean what they mean where it was ordered."""
     try:
         os.chdir(folder)
     except OSError as error:
-        raise InputError(
-            f"cannot be worked in ({error.strerror})", where=folder,
-            mend="Ray's machines need the same files under the same paths",
-        ) from None  # fmt: skip
+        mend = "Ray's machines need the same files under the same paths"
+        raise InputError(f"cannot be worked in ({error.strerror})", where=folder, mend=mend) from None
     return function(job)

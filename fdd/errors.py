@@ -9,16 +9,11 @@ LONGEST_WORD, LONGEST_TEXT = 300, 2000
 
 
 class InputError(ValueError):
-    """Unusable input: one line that names the place, the problem and the mend.
+    """Unusable input: one line that names the problem, the file or channel (and place) `where` it is, and
+    what the user can do to `mend` it.
 
     The commands print it on standard error and exit with status 2; a library
     caller catches it as a ``ValueError``.
-
-    Parameters
-    ----------
-    problem : what is wrong, with figures.
-    where : the file (and the place in it) or the channel that it is wrong in.
-    mend : what the user can do about it.
 
     Examples
     --------

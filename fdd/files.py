@@ -42,12 +42,7 @@ def require_writable(path: Path, *, folder: bool = False) -> None:
 
 @contextmanager
 def written(path: Path) -> Iterator[None]:
-    """Tell what the system has against writing `path` in one line.
-
-    Raises
-    ------
-    InputError : the disk is full, the folder went away, and the like.
-    """
+    """Tell what the system has against writing `path` (a full disk, and the like) as an InputError."""
     try:
         yield
     except OSError as error:
@@ -57,24 +52,14 @@ def written(path: Path) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """A temporary file beside `path` that takes its name once it is whole.
+    """An empty file beside `path` that takes its name once it is whole.
 
-    Gives the path of an empty file to write into. When the block ends, the file is on the
-    disk and renamed; when it fails, the file is removed and `path` is as it was before.
-    Each call has a file of its own, so that of writers at the same time the last one wins.
+    When the block ends, the file is on the disk and renamed; when it fails, the file is removed and `path` is
+    as it was before. Each call has a file of its own, so that of writers at the same time the last one wins.
 
     Raises
     ------
     InputError : the folder is missing or not writable, the disk is full, `path` is no file.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with whole_file(Path(folder) / "run.csv") as temporary:
-    ...         _ = temporary.write_text("time,position")
-    ...     [f.name for f in Path(folder).iterdir()]
-    ['run.csv']
     """
     path = Path(path)
     require_writable(path)
@@ -94,12 +79,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal.
-
-    Raises
-    ------
-    InputError : it cannot be read.
-    """
+    """SHA-256 of a file, hexadecimal; an InputError where it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -110,11 +90,6 @@ def sha256_of(path: Path) -> str:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a UTF-8 text file whole or not at all.
-
-    Raises
-    ------
-    InputError : it cannot be written.
-    """
+    """Write a UTF-8 text file, see `whole_file`."""
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

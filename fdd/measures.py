@@ -95,14 +95,11 @@ _GAUGE = re.compile(r"[ _(\[]*(?:gauge|rel|ü|g)\.?[)\]]*$", re.IGNORECASE)
 
 
 def find_measure(text: str, dimension: str) -> Measure | None:
-    """A unit of measure as a rig's maker wrote it; None where it measures something else or nothing.
+    """A unit of measure of a dimension, as a rig's maker wrote it; None where it is none.
 
     Takes what `MEASURES` and pint know (``1/min``, ``inH2O``, ``kgf/cm²``), German and French spellings
-    (``U/min``, ``tr/min``) and absolute pressures (``bar abs``, ``psia``), less `ATMOSPHERE_PA`.
-
-    Parameters
-    ----------
-    dimension : what it has to measure. Rates of an ``angular_speed`` count revolutions.
+    (``U/min``, ``tr/min``) and absolute pressures (``bar abs``, ``psia``), less `ATMOSPHERE_PA`. Rates of an
+    ``angular_speed`` count revolutions.
 
     Examples
     --------
@@ -156,12 +153,7 @@ def _registry() -> Any:
 
 
 def measure(name: str, dimension: str | None = None) -> Measure:
-    """Look a unit of measure up.
-
-    Parameters
-    ----------
-    name : as written in a profile or a map, e.g. ``"bar"``.
-    dimension : what it must measure; None accepts any of `MEASURES`.
+    """Look a unit of measure up, as written in a profile or a map; dimension None accepts any of `MEASURES`.
 
     Raises
     ------
@@ -172,15 +164,13 @@ def measure(name: str, dimension: str | None = None) -> Measure:
     >>> measure("bar", "pressure").factor
     100000.0
     """
-    found = MEASURES.get(name.strip())
-    if found is not None and dimension in (None, found.dimension):
-        return found
-    spelled = None if dimension is None else find_measure(name, dimension)
-    if spelled is not None:
+    known = MEASURES.get(name.strip())
+    if known is not None and dimension in (None, known.dimension):
+        return known
+    if dimension is not None and (spelled := find_measure(name, dimension)) is not None:
         return spelled
     fitting = ", ".join(n for n, m in MEASURES.items() if n and dimension in (None, m.dimension))
-    if found is None:
-        raise InputError(f"unknown unit {name!r}", mend=f"use one of: {fitting}")
-    raise InputError(
-        f"unit {name!r} measures {found.dimension}, not {dimension}", mend=f"use one of: {fitting}"
-    )
+    wrong = f"unknown unit {name!r}"
+    if known is not None:
+        wrong = f"unit {name!r} measures {known.dimension}, not {dimension}"
+    raise InputError(wrong, mend=f"use one of: {fitting}")

@@ -22,24 +22,14 @@ CLASSIFIERS = "fdd.classifiers"
 
 @dataclass(frozen=True)
 class Addition:
-    """One entry point of a package.
-
-    Attributes
-    ----------
-    name : of the entry point. package : its name and version, as people read it.
-    """
+    """One entry point; `package` is the name and version of its package, as people read it."""
 
     name: str
     package: str
     point: EntryPoint
 
     def load(self) -> Any:
-        """What the entry point names.
-
-        Raises
-        ------
-        InputError : it cannot be imported, whatever the reason.
-        """
+        """What the entry point names; an InputError where it cannot be imported, whatever the reason."""
         try:
             return self.point.load()
         except Exception as error:  # a package may do anything while it is imported
@@ -48,11 +38,8 @@ class Addition:
 
     def wrong(self, problem: str) -> InputError:
         """That it cannot be used, and why."""
-        return InputError(
-            f"{self.point.group} {self.name!r}: {problem}",
-            where=f"package {self.package}",
-            mend="mend the package, or uninstall it",
-        )
+        told = f"{self.point.group} {self.name!r}: {problem}"
+        return InputError(told, where=f"package {self.package}", mend="mend the package, or uninstall it")
 
 
 def additions(group: str) -> list[Addition]:
@@ -65,13 +52,12 @@ def _added() -> dict[str, list[Addition]]:
     """All entry points of ours: reading the files of every package takes milliseconds, so once."""
     found = entry_points()
     return {
-        group: [Addition(p.name, _package_of(p), p) for p in sorted(found.select(group=group), key=str)]
+        group: [
+            Addition(p.name, f"{p.dist.name} {p.dist.version}" if p.dist else "without a name", p)
+            for p in sorted(found.select(group=group), key=str)
+        ]
         for group in (FAULTS, LOG_FORMATS, TRACKERS, CLASSIFIERS)
     }
-
-
-def _package_of(point: EntryPoint) -> str:
-    return "without a name" if point.dist is None else f"{point.dist.name} {point.dist.version}"
 
 
 def left_out(error: InputError) -> None:

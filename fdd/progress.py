@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from typing import Protocol
 
 Advance = Callable[[float], None]
 """Told how much is done in all."""
 
 
-class Progress(Protocol):
-    """Opens a stage of the work: its title, and the total that `Advance` counts to where there is one."""
-
-    def __call__(self, title: str, total: float | None = None) -> AbstractContextManager[Advance]:
-        """The stage, as a context that gives its `Advance`."""
-        ...
+Progress = Callable[..., AbstractContextManager[Advance]]
+"""Opens a stage of the work: its title, and the total that `Advance` counts to where there is one."""
 
 
 @contextmanager

@@ -1,8 +1,4 @@
-"""Samples: the one currency of the house.
-
-Time and named channels as NumPy columns in SI units, what is missing marked as
-NaN. Everything that reads makes Samples, everything that computes takes them.
-"""
+"""Samples: the one currency of the house. All that reads makes them, all that computes takes them."""
 
 from __future__ import annotations
 
@@ -94,8 +90,8 @@ class Samples:
     def __init__(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
         self.time = _column("time", time)
         n = self.time.size
-        if n and not np.isfinite(self.time).all():
-            row = int(np.flatnonzero(~np.isfinite(self.time))[0])
+        if not np.isfinite(self.time).all():
+            row = int(np.isfinite(self.time).argmin())
             raise InputError(f"channel time, row {row}: not a finite number")
         backwards = np.flatnonzero(self.time[1:] <= self.time[:-1])
         if backwards.size:
@@ -115,10 +111,8 @@ class Samples:
                 raise InputError(f"channel {name}: {column.size} values for {n} time stamps")
             infinite = np.isinf(column)
             if np.count_nonzero(infinite):  # of a short column in a fifth of the time of any()
-                raise InputError(
-                    f"channel {name}, row {int(infinite.argmax())}: infinite value",
-                    mend="mark missing values as NaN",
-                )
+                problem = f"channel {name}, row {infinite.argmax()}: infinite value"
+                raise InputError(problem, mend="mark missing values as NaN")
             self._columns[name] = column
 
     def __len__(self) -> int:

@@ -1,24 +1,18 @@
 """Sections of a profile: numbers that carry their unit, source and spread.
 
-Every number may be written plain (then it is in the field's SI unit) or with its
-provenance: ``{value: 35, unit: bar, source: data sheet, std: 2}``. Provenance is
-kept and written back.
+Every number may be written plain (then it is in the field's SI unit) or with its provenance, which is kept
+and written back: ``{value: 35, unit: bar, source: data sheet, std: 2}``.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    GetJsonSchemaHandler,
-    ValidatorFunctionWrapHandler,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidatorFunctionWrapHandler, model_validator
+from pydantic import GetJsonSchemaHandler as Handler
 from pydantic_core import CoreSchema
 
 from fdd.errors import InputError
@@ -78,20 +72,17 @@ class Section(BaseModel):
             mark = None if field is None else si_of(field)
             if mark is not None and mark.written != mark.unit and isinstance(entry, int | float | str):
                 entry = {"value": entry}
+            plain[key] = entry
             if isinstance(entry, dict) and "value" in entry and field is not None:
                 try:
                     plain[key], provenance[key] = _quantity(entry, mark)
                 except InputError as error:
                     raise InputError(error.problem, where=key, mend=error.mend) from None
-            else:
-                plain[key] = entry
         plain["provenance"] = provenance
         return handler(plain)
 
     @classmethod
-    def __get_pydantic_json_schema__(
-        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: Handler) -> dict[str, Any]:
         """As pydantic's, with numbers that are plain or carry their unit, source and spread."""
         schema = handler(core_schema)
         properties = handler.resolve_ref_schema(schema)["properties"]
@@ -111,25 +102,21 @@ class Section(BaseModel):
         """The section as YAML would show it, numbers with unit, source and std."""
         out: dict[str, Any] = {}
         for name, field in type(self).model_fields.items():
-            if name == "provenance":
+            value, si = getattr(self, name), si_of(field)
+            if value is None or name == "provenance":
                 continue
-            value = getattr(self, name)
-            if value is None:
-                continue
-            si = si_of(field)
             if isinstance(value, Section):
                 out[name] = value.to_plain()
             elif isinstance(value, dict) and value and all(isinstance(v, Section) for v in value.values()):
                 out[name] = {k: v.to_plain() for k, v in value.items()}
             elif si is not None:
                 shown = float(value) / (1.0 if si.written == si.unit else measure(si.written).factor)
-                entry: dict[str, Any] = {"value": float(f"{shown:.8g}"), "unit": si.written}
-                known = self.provenance.get(name)
-                if known is not None and known.std is not None:
-                    entry["std"] = float(f"{known.std:.4g}")
-                if known is not None and known.source is not None:
-                    entry["source"] = known.source
-                out[name] = entry
+                out[name] = {"value": float(f"{shown:.8g}"), "unit": si.written}
+                known = self.provenance.get(name, Provenance())
+                if known.std is not None:
+                    out[name]["std"] = float(f"{known.std:.4g}")
+                if known.source is not None:
+                    out[name]["source"] = known.source
             else:
                 out[name] = value
         return out
@@ -155,11 +142,9 @@ def _quantity(entry: dict[str, Any], si: SI | None) -> tuple[float, Provenance]:
 
 def _number(entry: dict[str, Any], name: str) -> float:
     # YAML 1.1 reads 1e-3 (no dot) as text, so text that is a number is taken too.
-    given = entry[name]
-    try:
+    given, number = entry[name], np.nan
+    with suppress(ValueError, OverflowError):
         number = float(given) if isinstance(given, int | float | str) else np.nan
-    except (ValueError, OverflowError):
-        number = np.nan
     if isinstance(given, bool) or not np.isfinite(number):
         raise InputError(f"{name} {given!r} is not a finite number", mend="correct that field")
     return number

@@ -17,8 +17,7 @@ LIVE_ZERO, FULL_SCALE = 4e-3, 20e-3
 class CurrentLoop(Section):
     """A 4 to 20 mA transmitter over a resistor into a converter (thesis A.1.1, eqs A.1 to A.4).
 
-    `low` and `high` are what it measures at 4 and 20 mA, in the channel's SI unit. Everything
-    else follows: thesis's 0 to 6.895 MPa over 499 Ω give 8.636e5 Pa/V and an offset of 1.724e6 Pa.
+    `low` and `high` are what it measures at 4 and 20 mA, in the channel's SI unit; all else follows.
 
     Examples
     --------
@@ -40,10 +39,8 @@ class CurrentLoop(Section):
     @model_validator(mode="after")
     def _rises(self) -> CurrentLoop:
         if self.high <= self.low:
-            raise InputError(
-                f"high {self.high:g} (at 20 mA) is not above low {self.low:g} (at 4 mA)",
-                mend="give what the transmitter measures at both currents",
-            )
+            problem = f"high {self.high:g} (at 20 mA) is not above low {self.low:g} (at 4 mA)"
+            raise InputError(problem, mend="give what the transmitter measures at both currents")
         return self
 
     @property
@@ -64,9 +61,8 @@ class CurrentLoop(Section):
     @property
     def largest(self) -> float:
         """Reading of the converter's highest code."""
-        return (
-            self.sensitivity * self.converter_range * (1.0 - 2.0 ** (1 - self.converter_bits)) - self.offset
-        )
+        share = 1.0 - 2.0 ** (1 - self.converter_bits)
+        return self.sensitivity * self.converter_range * share - self.offset
 
     @property
     def smallest(self) -> float:

@@ -8,8 +8,8 @@ its judgement as what is left open.
 from __future__ import annotations
 
 from math import hypot
+from operator import attrgetter
 
-from fdd.sections import Section
 from fdd.unit import Unit
 
 _STEPPED = (
@@ -44,11 +44,8 @@ STATED = {"pump.leakage": "pump.cross_port_leakage", "friction": "friction.forwa
 
 
 def tolerance(base: Unit, quantity: str) -> float:
-    """Standard deviation of ln(unit / base) that the base leaves open.
-
-    Parameters
-    ----------
-    base : profile. quantity : of `TOLERANCES`; travel per rad goes by the displacement's name.
+    """Standard deviation of ln(unit / base) of a quantity of `TOLERANCES` that the base profile leaves open;
+    travel per rad goes by the displacement's name.
 
     Examples
     --------
@@ -64,11 +61,7 @@ def tolerance(base: Unit, quantity: str) -> float:
 
 def _stated(base: Unit, path: str) -> float:
     """Relative standard deviation that the profile states for a number, 0 where it states none."""
-    *way, name = path.split(".")
-    section: Section | Unit = base
-    for step in way:
-        section = getattr(section, step)
-    if not isinstance(section, Section) or name not in type(section).model_fields:
-        return 0.0
-    value, std = getattr(section, name), section.std_of(name)
+    way, _, name = path.rpartition(".")
+    section = attrgetter(way)(base)
+    value, std = getattr(section, name, 0.0), section.std_of(name)
     return float(std / value) if std is not None and value > 0.0 else 0.0

@@ -1,13 +1,12 @@
 """A unit: what the software knows about one actuator, read from and written to YAML.
 
-Every number may be written plain (then it is in the field's SI unit) or with its
-provenance: ``{value: 35, unit: bar, source: data sheet, std: 2}``. Provenance is
-kept and written back. Plant and estimators take their parameters from here, and
-share nothing else.
+Its numbers carry their provenance, see `fdd.sections`. Plant and estimators take their parameters from here,
+and share nothing else.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -211,12 +210,9 @@ class BalanceBaseline(Section):
     @model_validator(mode="after")
     def _fits_together(self) -> BalanceBaseline:
         n = len(self.columns)
-        if len(self.mean) != n:
-            raise InputError(f"{len(self.mean)} figures for {n} columns", where="mean", mend=_ANEW)
-        if len(self.moderation) not in (0, n):
-            raise InputError(
-                f"{len(self.moderation)} figures for {n} columns", where="moderation", mend=_ANEW
-            )
+        for name, wanted in (("mean", (n,)), ("moderation", (0, n))):
+            if (count := len(getattr(self, name))) not in wanted:
+                raise InputError(f"{count} figures for {n} columns", where=name, mend=_ANEW)
         for name in ("covariance", "information", "scatter"):
             rows = getattr(self, name)
             if not rows and name != "covariance":
@@ -336,18 +332,16 @@ class Unit(BaseModel):
 class _Dumper(yaml.SafeDumper):
     """Quantities on one line each."""
 
+    def flow_leaves(self, data: dict[str, Any]) -> yaml.Node:
+        return self.represent_mapping("tag:yaml.org,2002:map", data.items(), flow_style="value" in data)
 
-def _flow_leaves(dumper: yaml.SafeDumper, data: dict[str, Any]) -> yaml.Node:
-    return dumper.represent_mapping("tag:yaml.org,2002:map", data.items(), flow_style="value" in data)
-
-
-def _flow_numbers(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=True)
+    def flow_numbers(self, data: Sequence[Any]) -> yaml.Node:
+        return self.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=True)
 
 
-_Dumper.add_representer(dict, _flow_leaves)
-_Dumper.add_representer(list, _flow_numbers)
-_Dumper.add_representer(tuple, lambda d, v: _flow_numbers(d, list(v)))
+_Dumper.add_representer(dict, _Dumper.flow_leaves)
+_Dumper.add_representer(list, _Dumper.flow_numbers)
+_Dumper.add_representer(tuple, _Dumper.flow_numbers)
 _Dumper.add_representer(np.float64, lambda d, v: d.represent_float(float(v)))
 
 
@@ -362,18 +356,12 @@ def shipped_units() -> tuple[str, ...]:
 @lru_cache(maxsize=16)
 def _shipped(name: str) -> Unit:
     if name == SMALL:
-        small = Accumulator.model_validate(
-            {
-                **_shipped("axis_a").accumulator.to_plain(),
-                "gas_volume": {
-                    "value": 8.7e-6,
-                    "source": "thesis, Hawe AC13 of 13 cm^3: a third is oil at rest",
-                },
-                "oil_volume": {"value": 4.3e-6, "source": "as gas_volume"},
-            }
-        )
+        large, source = _shipped("axis_a"), "thesis, Hawe AC13 of 13 cm^3: a third is oil at rest"
+        small = Accumulator.model_validate({
+            **large.accumulator.to_plain(), "gas_volume": {"value": 8.7e-6, "source": source},
+            "oil_volume": {"value": 4.3e-6, "source": "as gas_volume"},
+        })  # fmt: skip
         described = "Axis A with the thesis's accumulator of 13 cm³, which a few kelvin fill or empty."
-        update = {"name": SMALL, "description": described, "accumulator": small}
-        return _shipped("axis_a").model_copy(update=update)
+        return large.model_copy(update={"name": SMALL, "description": described, "accumulator": small})
     text = (resources.files("fdd") / "units" / f"{name}.yaml").read_text(encoding="utf-8")
     return Unit.from_yaml(text, where=f"{name}.yaml")

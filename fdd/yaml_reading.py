@@ -26,11 +26,7 @@ class _Refused(yaml.MarkedYAMLError):
 
 def yaml_text(path: Path, kind: str, most: int, mend: str) -> str:
     """The text of a YAML file of at most so many bytes; `kind` and `mend` are for people, see `yaml_mapping`.
-
-    Raises
-    ------
-    InputError : no such file, too large, or not readable.
-    """
+    An InputError where there is no such file, or it is too large or not readable."""
     try:
         if not path.is_file():
             raise InputError(f"no such {kind}", where=path, mend=mend)
@@ -48,8 +44,7 @@ def yaml_mapping(
 
     Parameters
     ----------
-    where : named in errors.
-    kind : what it should be, for people.
+    where, kind : for errors: the file, and what it should be.
     mend : what a right one looks like; where None, its first line with the schema.
     schema : what its key ``schema`` must be; None takes any.
 

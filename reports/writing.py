@@ -16,7 +16,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from fdd import __version__
 from fdd.files import require_writable, whole_file, write_text, written
-from fdd.pictures import STYLE, require_matplotlib
+from fdd.report.figure import STYLE, require_matplotlib
 
 FOLDER = Path("reports")
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder of the report and its pictures.")]

@@ -47,7 +47,7 @@ def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list
         (15.0, sines, NoLoad()),
         (31.0, slow, ThrottleLoad(pressure=drop)),
     ]
-    runs: list[Scenario] = []
+    runs = []
     for duration, duty, load in plans:
         runs.append(_run(rig, rng, duration, duty, load, temperature, 0.02, charge))
         temperature += 0.02 * duration

@@ -18,7 +18,6 @@ from fdd.yaml_reading import yaml_of
 _TWINS = """- `unit_NNN/twin_NNN.{format}`: each faulty log once more without its faults. Draws and noise are
   the same: equal to the last bit before the onset, and different after it by what the faults do.
 """
-_STATED = "by the distributions of `fdd.campaign.population`, each with its source"
 _VISIBILITY = """Log less twin, rms over the whole log, in standard deviations of the channel's noise (white
 noise, tones, rounding). The largest rms is that of the pressures and the motor's current; visible: it is at
 least one. The last columns count logs by it. Rows lost: it is below 1, but the fault takes values out of the
@@ -32,31 +31,23 @@ def write_sums(directory: Path) -> None:
     Manifest and card are left out: they are written after it. So is what others put there.
     """
     files = [directory / RECIPE, directory / LABELS, *(p for p in directory.glob("*/*") if p.is_file())]
-    named = sorted((path, path.relative_to(directory)) for path in files)
+    named = ((path, path.relative_to(directory)) for path in sorted(files))
     shown = [(p, name) for p, name in named if not any(part.startswith(".") for part in name.parts)]
     write_text(directory / SUMS, "".join(f"{sha256_of(p)}  {name.as_posix()}\n" for p, name in shown))
 
 
 def write_card(directory: Path) -> None:
-    """Write a data set's card (Markdown), unless somebody has written one.
-
-    Raises
-    ------
-    InputError : not a data set.
-    """
+    """Write a data set's card (Markdown), unless somebody has written one."""
     if not (directory / dataset.CARD).is_file():
-        write_text(directory / dataset.CARD, card(Dataset.load(directory)))
+        write_text(directory / dataset.CARD, _card(Dataset.load(directory)))
 
 
-def card(data: Dataset) -> str:
+def _card(data: Dataset) -> str:
     """The card's text: it depends on recipe and labels alone."""
     recipe, made = data.recipe, data.manifest
-    head = {
-        "pretty_name": made.name,
-        "tags": ["fault-detection", "electro-hydrostatic-actuator", "simulated"],
-    }
-    if recipe.licence:
-        head = {"license": recipe.licence, **head}
+    tags = ["fault-detection", "electro-hydrostatic-actuator", "simulated"]
+    licence = {"license": recipe.licence} if recipe.licence else {}
+    head = {**licence, "pretty_name": made.name, "tags": tags}
     rates = sorted({s.rate for s in recipe.structures} or {recipe.recording.rate})
     # Machines that differ in kind have channels of their own.
     alike = data.logs and not recipe.structures
@@ -67,9 +58,10 @@ def card(data: Dataset) -> str:
     told = {name: ", ".join(u for u in data.units if split[u] == name) or "none" for name in dataset.SPLITS}
     twins = _TWINS.format(format=recipe.format) if recipe.twins else ""
     visible = _visible(data) if recipe.twins else ""
-    spread = f"within {recipe.variation:.0%}" if recipe.population == "uniform" else _STATED
-    sha = made.sha256
-    cite = f"{made.name}, simulated with fdd {made.version}, seed {made.seed}, SHA-256 {sha}."
+    spread = f"within {recipe.variation:.0%}"
+    if recipe.population == "stated":
+        spread = "by the distributions of `fdd.campaign.population`, each with its source"
+    cite = f"{made.name}, simulated with fdd {made.version}, seed {made.seed}, SHA-256 {made.sha256}."
     return f"""---
 {yaml_of(head)}---
 
@@ -106,7 +98,7 @@ No unit is in two splits.
 
 ## Hashes
 
-`{MANIFEST}` holds the SHA-256 of labels and recipe, {sha};
+`{MANIFEST}` holds the SHA-256 of labels and recipe, {made.sha256};
 `{SUMS}` holds those of all files (`sha256sum -c {SUMS}`). `fdd.load_dataset` checks them.
 
 ## Licence

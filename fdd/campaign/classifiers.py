@@ -24,12 +24,8 @@ Figures = dict[str, float]
 
 
 def made(name: str) -> Any:
-    """A new classifier, by name.
-
-    Parameters
-    ----------
-    name : of an entry point of the group ``fdd.classifiers``, or ``module:function``; the module may lie in
-        the working folder.
+    """A new classifier, by the name of an entry point of the group ``fdd.classifiers`` or as
+    ``module:function``; the module may lie in the working folder.
 
     Raises
     ------
@@ -37,16 +33,13 @@ def made(name: str) -> Any:
     """
     known = {a.name: a for a in additions(CLASSIFIERS)}
     module, colon, function = name.partition(":")
+    if not colon and name not in known:
+        mend = f"give {', '.join(sorted(known)) or 'none is installed'}, or MODULE:FUNCTION"
+        raise InputError("no classifier of that name", where=name, mend=mend)
     try:
-        if colon:
-            if str(Path.cwd()) not in sys.path:
-                sys.path.append(str(Path.cwd()))
-            make = getattr(import_module(module), function)
-        elif name in known:
-            make = known[name].load()
-        else:
-            mend = f"give {', '.join(sorted(known)) or 'none is installed'}, or MODULE:FUNCTION"
-            raise InputError("no classifier of that name", where=name, mend=mend)
+        if colon and str(Path.cwd()) not in sys.path:
+            sys.path.append(str(Path.cwd()))
+        make = getattr(import_module(module), function) if colon else known[name].load()
         estimator = make()
     except InputError:
         raise
@@ -64,11 +57,7 @@ def made(name: str) -> Any:
 def train_classifier(
     name: str, sets: Sequence[LabelledData], target: Target = "family"
 ) -> tuple[StoredClassifier, Figures]:
-    """Train on the units of train and validation, judge on those of test.
-
-    Parameters
-    ----------
-    name : see `made`. sets : with features, all of the same columns. target : what it is to tell.
+    """Train a classifier `made` by name on the units of train and validation, judge it on those of test.
 
     Returns
     -------
@@ -119,11 +108,6 @@ def brier(true: Any, probabilities: Any, classes: Sequence[str]) -> float:
     """Mean over rows of the squared errors of all classes' probabilities, 0 to 2.
 
     Not scikit-learn's: a class that was not learnt has probability 0.
-
-    Examples
-    --------
-    >>> brier(["a", "b"], np.array([[1.0, 0.0], [0.5, 0.5]]), ["a", "b"])
-    0.25
     """
     true = np.asarray(true, dtype=np.str_)
     hit = true[:, None] == np.asarray(classes, dtype=np.str_)

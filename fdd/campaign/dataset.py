@@ -79,12 +79,9 @@ class Entry(Validated):
     Attributes
     ----------
     file, truth : paths below the data set's folder.
-    unit, base : its unit, and the profile that was varied from.
+    base : profile that its unit was varied from.
     structure, condition : of the recipe; empty where it has none.
     fault_scales : figures of severity 1, see `fdd.plant.faults.spec.FaultScales`; empty without structures.
-    duration_s, samples : of the log.
-    faults : empty for a healthy one.
-    scenario : load, duty and conditions.
     truth_medians : true leakage (m³/(s·Pa)), bulk modulus (Pa), Coulomb (N) and viscous friction
         (N·s/m): medians while all faults act, or over the log if healthy.
     twin : path of the same log without its faults; None for a healthy log, or where none was made.
@@ -147,15 +144,8 @@ class Manifest(Validated):
 
 @dataclass(frozen=True)
 class Dataset:
-    """A data set on disk. Logs are read when they are asked for.
-
-    Attributes
-    ----------
-    directory : where it is.
-    recipe : what it was made from.
-    manifest : its name, version, seed, size and hash.
-    logs : entries, by unit and number.
-    """
+    """A data set on disk: what it was made from, what it says of itself, and its logs by unit and number,
+    which are read when they are asked for."""
 
     directory: Path
     recipe: Recipe
@@ -175,10 +165,10 @@ class Dataset:
         if not directory.is_dir():
             raise InputError("no such folder", where=directory, mend=mend)
         if not (directory / MANIFEST).is_file():
+            kind = "not a"
             if (directory / RECIPE).is_file():
-                again = f"finish it with: fdd generate {directory / RECIPE} -o {directory}"
-                raise InputError(f"unfinished data set (no {MANIFEST})", where=directory, mend=again)
-            raise InputError(f"not a data set (no {MANIFEST})", where=directory, mend=mend)
+                kind, mend = "unfinished", f"finish it with: fdd generate {directory / RECIPE} -o {directory}"
+            raise InputError(f"{kind} data set (no {MANIFEST})", where=directory, mend=mend)
         manifest = _read(Manifest, directory / MANIFEST)
         recipe_text, labels_text = _text(directory / RECIPE), _text(directory / LABELS)
         if digest(recipe_text, labels_text) != manifest.sha256:
@@ -202,11 +192,7 @@ class Dataset:
         return tuple(e for e in self.logs if e.unit == unit)
 
     def check(self, *files: str) -> None:
-        """Compare files with their SHA-256.
-
-        Parameters
-        ----------
-        files : below the data set's folder; none given: all.
+        """Compare files below the data set's folder, all where none is given, with their SHA-256.
 
         Raises
         ------
@@ -233,12 +219,7 @@ class Dataset:
         return None if entry.twin is None else read_log(self.directory / entry.twin).samples
 
     def truth(self, entry: Entry) -> Truth:
-        """What really was, at 20 Hz.
-
-        Raises
-        ------
-        InputError : the file is missing or damaged.
-        """
+        """What really was, at 20 Hz; an InputError where the file is missing or damaged."""
         import pyarrow as pa
         from pyarrow import parquet
 
@@ -253,16 +234,12 @@ class Dataset:
         return Truth(columns["time"], {n: v for n, v in columns.items() if n in TRUTH}, severity)
 
     def baseline(self, unit: str) -> list[Samples]:
-        """The unit's healthy calibration runs, in the order they were taken; [] if the recipe has none.
-
-        Raises
-        ------
-        InputError : no such unit.
-        """
+        """What the `baseline_files` hold."""
         return [read_log(path).samples for path in self.baseline_files(unit)]
 
     def baseline_files(self, unit: str) -> list[Path]:
-        """Where these are."""
+        """The unit's healthy calibration runs, in the order they were taken; [] if the recipe has none; an
+        InputError where there is no such unit."""
         if unit not in self.manifest.baselines:
             mend = f"the units are {self.units[0]} to {self.units[-1]}"
             raise InputError(f"no unit {unit!r}", where=self.directory, mend=mend)
@@ -285,7 +262,6 @@ def _text(path: Path) -> str:
 
 
 def _read(kind: type[M], path: Path) -> M:
-    """What a JSON file of a data set holds."""
     try:
         return TypeAdapter(kind).validate_json(_text(path))
     except ValidationError as error:
@@ -307,17 +283,11 @@ def split_of(units: Sequence[str], seed: int = 0) -> dict[str, Split]:
 
     Examples
     --------
-    >>> from collections import Counter
-    >>> sorted(Counter(split_of([f"unit_{k:03d}" for k in range(10)]).values()).items())
-    [('test', 2), ('train', 6), ('validation', 2)]
     >>> sorted(split_of(["a", "b"]).values())
     ['test', 'train']
     """
     order = sorted(units, key=lambda unit: hashlib.sha256(f"{seed}/{unit}".encode()).hexdigest())
     held = max(round(SHARE * len(order)), 1)
-    tested = held if len(order) > 1 else 0
-    tuned = held if len(order) > 2 else 0
-    found: dict[str, Split] = {}
-    for place, unit in enumerate(order):
-        found[unit] = "test" if place < tested else "validation" if place < tested + tuned else "train"
-    return {unit: found[unit] for unit in units}
+    test = set(order[:held] if len(order) > 1 else ())
+    validation = set(order[held : 2 * held] if len(order) > 2 else ())
+    return {u: "test" if u in test else "validation" if u in validation else "train" for u in units}

@@ -47,15 +47,12 @@ ONE_SIDED_PRESSURE = 0.15e6
 
 @dataclass(frozen=True)
 class Rig:
-    """A drawn unit with what no profile knows of it.
+    """A drawn unit, by its true profile, with what no profile knows of it.
 
     Attributes
     ----------
-    unit : its true profile.
-    details : of its plant.
-    base : name of the profile that it was varied from.
-    sheet : that profile: all that anybody who identifies the unit may know.
-    recording : how its logs are taken.
+    base, sheet : name of the profile that it was varied from, and that profile: all that anybody who
+        identifies the unit may know.
     structure : None without structures in the recipe.
     scale : of a machine drawn as a whole, against those that the recipe's ranges are made for.
     """
@@ -77,12 +74,7 @@ def stream(recipe: Recipe, purpose: str, *indices: int) -> Rng:
 
 
 def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
-    """Draw unit `index`: its base's parameters, each varied on its own, and its plant's details.
-
-    Raises
-    ------
-    InputError : a base that is no profile.
-    """
+    """Draw unit `index`: its base's parameters, each varied on its own, and its plant's details."""
     base = recipe.bases[index % len(recipe.bases)]
     structure, scale, recording = structure_of(recipe, index), NEUTRAL, recipe.recording
     if structure is None:
@@ -92,8 +84,7 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
         base = structure.base or (base if structure.size is None else structure.name)
         scale = scale if structure.size is None else Scale(unit)
         recording = structure.recording(recording)
-    sheet = unit
-    stated = recipe.population == "stated"
+    sheet, stated = unit, recipe.population == "stated"
 
     def varied(section: S, spreads: Mapping[str, Spread], level: float = 1.0) -> S:
         """The section with these numbers drawn anew; dry friction goes by a level that all of it shares."""
@@ -128,15 +119,12 @@ def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:
     if unit.accumulator.oil_volume is not None:  # after all that every profile has
         parts["accumulator"] = varied(parts["accumulator"], population.OIL_VOLUME)
     by = "as stated in fdd.campaign.population" if stated else f"by ±{recipe.variation:.0%}"
-    description = f"{base} varied {by}, drawn for {recipe.name}."
-    made = unit.model_copy(
-        update={**parts, "name": f"unit_{index:03d}", "description": description, "baseline": None}
-    )
+    parts |= {"description": f"{base} varied {by}, drawn for {recipe.name}.", "baseline": None}
+    made = unit.model_copy(update={**parts, "name": f"unit_{index:03d}"})
     details = scale.details(details)
     if structure is not None:
         details = structure.drawn_details(details, stream(recipe, "details", index))
-    made = Unit.from_yaml(made.to_yaml())
-    return Rig(made, Details(**details), base, sheet, recording, structure, scale)
+    return Rig(Unit.from_yaml(made.to_yaml()), Details(**details), base, sheet, recording, structure, scale)
 
 
 D = TypeVar("D", bound=Departure)
@@ -167,12 +155,6 @@ def assign_faults(recipe: Recipe) -> list[tuple[str, ...]]:
     """Which faults each log carries, (recipe.number,); () for a healthy one.
 
     Numbers follow the shares exactly (largest remainders), their order is random.
-
-    Examples
-    --------
-    >>> recipe = Recipe(schema="fdd.recipe/1", units=2, healthy_share=0.5, faults={"aeration": {}})
-    >>> sorted(assign_faults(recipe))[4:6]
-    [(), ('aeration',)]
     """
     weights = {n: f.weight for n, f in recipe.faults.items() if f.weight > 0.0}
     total = sum(weights.values())
@@ -184,11 +166,10 @@ def assign_faults(recipe: Recipe) -> list[tuple[str, ...]]:
     seconds = rng.random(recipe.number) < recipe.second_fault_share
     assigned: list[tuple[str, ...]] = []
     for first, second in zip(order.tolist(), seconds.tolist(), strict=True):
+        faults: tuple[str, ...] = (first,) if first else ()
         if first and second:
-            others = {n: w for n, w in weights.items() if n != first}
-            assigned.append((first, chosen(rng, others)))
-        else:
-            assigned.append((first,) if first else ())
+            faults += (chosen(rng, {n: w for n, w in weights.items() if n != first}),)
+        assigned.append(faults)
     return assigned
 
 
@@ -198,8 +179,7 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
     The rig bounds amplitude by its stroke, speed by its drive and force by its relief valve.
     """
     duration = round(float(rng.uniform(*recipe.duration)), 3)
-    load_name = chosen(rng, recipe.loads)
-    duty_name = chosen(rng, recipe.duties)
+    load_name, duty_name = chosen(rng, recipe.loads), chosen(rng, recipe.duties)
     gain = log_uniform(rng, recipe.position_gain) * rig.scale.position_gain
     # A throttled partner is a rig for measuring: it is mostly driven by speed.
     share = max(recipe.speed_control_share, 0.7) if load_name == "throttle" else recipe.speed_control_share
@@ -209,15 +189,11 @@ def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = 
     if duty_name == "mission":
         duty, control = drawn_mission(recipe, rig.unit, rng, duration, gain, rig.scale)
     else:
+        # With unequal areas a speed to and fro does not come back.
+        returns = cylinder.area_2 > EQUAL * cylinder.area_1
+        ranges = recipe.ranges.get(duty_name, {})
         duty, control = fitting_duty(
-            duty_name,
-            rig.unit,
-            rng,
-            recipe.ranges.get(duty_name, {}),
-            # With unequal areas a speed to and fro does not come back.
-            speed=by_speed and cylinder.area_2 > EQUAL * cylinder.area_1,
-            gain=gain,
-            scale=rig.scale,
+            duty_name, rig.unit, rng, ranges, speed=by_speed and returns, gain=gain, scale=rig.scale
         )
     load = _load(load_name, recipe, rig, rng, duty, control, duration)
     specs = [_fault(name, recipe, rig, duration, rng) for name in faults]
@@ -245,9 +221,7 @@ def as_it_runs(
 ) -> tuple[Unit, Scenario]:
     """Unit and scenario with what differs from run to run beside the scenario's draw, of a stated population.
 
-    Parameters
-    ----------
-    purpose : kind of run, indices of unit and run.
+    `purpose` : kind of run, indices of unit and run.
     """
     if recipe.population == "uniform":
         return unit, scenario

@@ -25,7 +25,7 @@ from fdd.campaign.card import write_card, write_sums
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.structures import Condition
 from fdd.campaign.units import Progress
-from fdd.campaign.visibility import is_visible, largest_rms, visibility
+from fdd.campaign.visibility import EDGES, largest_rms, visibility
 from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
 from fdd.files import whole_file, write_text, written
@@ -105,7 +105,6 @@ def generate(
 
 
 def _names(recipe: Recipe) -> list[str]:
-    """Names of a unit's runs."""
     baselines = [f"baseline_{k}" for k in (1, 2, 3)] if recipe.baseline else []
     return baselines + [f"log_{k:03d}" for k in range(recipe.logs_per_unit)]
 
@@ -119,10 +118,11 @@ def make_run(recipe: Recipe, directory: Path, job: Job) -> None:
         return
     folder = directory / rig.unit.name
     folder.mkdir(exist_ok=True)
-    log = None if name.startswith("baseline") else int(name.removeprefix("log_"))
+    kind, number = name.split("_")
+    log = None if kind == "baseline" else int(number)
     condition: Condition | None = None
     if log is None:
-        run = _baseline_run(recipe, rig, index, int(name.removeprefix("baseline_")))
+        run = _baseline_run(recipe, rig, index, int(number))
     else:
         condition = drawing.condition_of(recipe, index, log)
         run = _sane_run(recipe, rig, ("log", index, log), faults[log], condition)
@@ -133,9 +133,11 @@ def make_run(recipe: Recipe, directory: Path, job: Job) -> None:
     entry = _label(recipe, rig, run, name, log)
     if log is not None and recipe.conditions:
         entry["condition"] = "" if condition is None else condition.name
-    _write_log(recipe, directory / entry["file"], run, rig, entry)
+    _write_log(recipe, directory / entry["file"], run, rig, entry["faults"])
     if log is not None:
-        _write_truth(directory / entry["truth"], run)
+        # Single precision is more than any use of the truth asks for, and half the size.
+        truth = {k: v if k == "time" else v.astype(np.float32) for k, v in _kept_truth(run).items()}
+        _write_table(directory / entry["truth"], truth)
         if recipe.twins:
             entry["twin"] = None
             if run.scenario.faults:
@@ -164,7 +166,7 @@ def _sane_run(
     condition: Condition | None = None,
 ) -> Simulation:  # fmt: skip
     """Draw and simulate until the run neither rests at its limits nor relieves for long."""
-    problem, unit = "", rig.unit
+    unit = rig.unit
     for departure in (rig.structure, condition):
         recipe = departure.applied(recipe) if departure is not None else recipe
     if condition is not None:
@@ -174,13 +176,12 @@ def _sane_run(
         scenario = drawing.draw_scenario(recipe, rig, rng, faults)
         try:
             run = simulate(*drawing.as_it_runs(recipe, rig, unit, scenario, purpose))
+            trouble = _trouble(run)
         except InputError as error:
-            problem = str(error)
-            continue
-        problem = _trouble(run)
-        if not problem:
+            trouble = str(error)
+        if not trouble:
             return run
-    problem = f"no sane scenario in {MOST_DRAWS} draws; the last: {problem}"
+    problem = f"no sane scenario in {MOST_DRAWS} draws; the last: {trouble}"
     mend = "narrow the recipe's ranges of loads and duties"
     raise InputError(problem, where=f"{rig.unit.name} {purpose[0]} {purpose[2]}", mend=mend)
 
@@ -198,14 +199,11 @@ def _twin(
     except InputError:
         return {}  # only the fault kept the run in the model's range: a log without a twin
     file = f"{name}.{recipe.format}"
-    _write_log(recipe, directory / file, twin, rig, {"faults": []})
+    _write_log(recipe, directory / file, twin, rig, [])
     found = visibility(log, twin.samples, unit, scenario.recording)
-    return {
-        "twin": file,
-        "visibility": {channel: each.model_dump() for channel, each in found.items()},
-        "largest_rms": largest_rms(found),
-        "visible": is_visible(found),
-    }
+    seen = {channel: each.model_dump() for channel, each in found.items()}
+    rms = largest_rms(found)
+    return {"twin": file, "visibility": seen, "largest_rms": rms, "visible": rms >= EDGES[0]}
 
 
 def _trouble(run: Simulation) -> str:
@@ -219,8 +217,7 @@ def _trouble(run: Simulation) -> str:
         ("at the travel limit", np.abs(truth["position"]) > limit, MOST_AT_GUARD),
         ("over the relief valve", np.abs(truth["relief_flow"]) > _RELIEVING, relieved),
     ):
-        share = float(np.mean(there))
-        if share > most:
+        if (share := float(np.mean(there))) > most:
             return f"{where} {share:.0%} of the time"
     return ""
 
@@ -254,28 +251,21 @@ def _label(recipe: Recipe, rig: drawing.Rig, run: Simulation, name: str, log: in
     }  # fmt: skip
 
 
-def _write_log(recipe: Recipe, path: Path, run: Simulation, rig: drawing.Rig, entry: dict[str, Any]) -> None:
+def _write_log(
+    recipe: Recipe, path: Path, run: Simulation, rig: drawing.Rig, faults: list[dict[str, Any]]
+) -> None:
     if recipe.format == "parquet":
         _write_table(path, {"time": run.samples.time, **run.samples.columns})
         return
-    truth = {"time": run.truth.time, **run.truth.as_columns()}
     write_run(
-        path, run.samples, axis=rig.unit.axis, unit_yaml=rig.unit.to_yaml(),
-        truth={k: v[:: _truth_period(run)] for k, v in truth.items()},
-        scenario_json=run.scenario.model_dump_json(), labels={"faults": entry["faults"]},
+        path, run.samples, axis=rig.unit.axis, unit_yaml=rig.unit.to_yaml(), truth=_kept_truth(run),
+        scenario_json=run.scenario.model_dump_json(), labels={"faults": faults},
     )  # fmt: skip
 
 
-def _truth_period(run: Simulation) -> int:
-    """Rows of the log for each row of truth."""
-    return max(run.scenario.recording.rate // TRUTH_RATE, 1)
-
-
-def _write_truth(path: Path, run: Simulation) -> None:
-    every = _truth_period(run)
-    # Single precision is more than any use of the truth asks for, and half the size.
-    columns = {k: v[::every].astype(np.float32) for k, v in run.truth.as_columns().items()}
-    _write_table(path, {"time": run.truth.time[::every], **columns})
+def _kept_truth(run: Simulation) -> dict[str, NDArray[Any]]:
+    every = max(run.scenario.recording.rate // TRUTH_RATE, 1)
+    return {k: v[::every] for k, v in {"time": run.truth.time, **run.truth.as_columns()}.items()}
 
 
 def _write_table(path: Path, columns: dict[str, NDArray[Any]]) -> None:
@@ -286,12 +276,12 @@ def _write_table(path: Path, columns: dict[str, NDArray[Any]]) -> None:
     table = pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in columns.items()})
     # Rounded measurements repeat and want a dictionary; what never repeats packs by a third better
     # with its bytes apart.
-    split = [n for n in columns if n in UNROUNDED]
+    split = {n: "BYTE_STREAM_SPLIT" for n in columns if n in UNROUNDED}
+    packed = [n for n in columns if n not in split]
     with whole_file(path) as temporary:
         parquet.write_table(
-            table, temporary, compression="zstd", use_dictionary=[n for n in columns if n not in split],
-            column_encoding=dict.fromkeys(split, "BYTE_STREAM_SPLIT"),
-        )  # fmt: skip
+            table, temporary, compression="zstd", use_dictionary=packed, column_encoding=split
+        )
 
 
 def _begin(recipe: Recipe, directory: Path) -> bool:

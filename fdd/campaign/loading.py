@@ -22,7 +22,6 @@ from fdd import __version__
 from fdd.campaign.dataset import HEALTHY, Dataset, Manifest, Split, split_of
 from fdd.campaign.train import identified_unit
 from fdd.campaign.units import How, over_units
-from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.files import whole_file
@@ -60,7 +59,7 @@ TOLD: dict[str, tuple[str, str, str]] = {
 """Columns beside the features: role, unit and meaning."""
 
 
-def feature_table(directory: str | Path, *, model: str | None = None, **how: Unpack[How]) -> pa.Table:
+def feature_table(directory: str | Path, *, model: Path | None = None, **how: Unpack[How]) -> pa.Table:
     """Diagnose every log of a data set, on profiles identified from its units' own baselines.
 
     Parameters
@@ -81,12 +80,7 @@ def feature_table(directory: str | Path, *, model: str | None = None, **how: Unp
 
 
 def table_of(rows: list[dict[str, Any]], data: Manifest, model_sha256: str) -> pa.Table:
-    """Rows with what the file has to say of them.
-
-    Parameters
-    ----------
-    rows : a value for each of `TOLD` but the split, and of `FEATURES`. data : of their data set.
-    """
+    """Rows, with a value for each of `TOLD` but the split and of `FEATURES`, and what the file has to say."""
     split = split_of(tuple(data.baselines), data.seed)
     plain = {name: [split[r["unit"]] if name == "split" else r[name] for r in rows] for name in TOLD}
     plain |= {name: [r[name] for r in rows] for name in FEATURES}
@@ -107,56 +101,36 @@ def _unit_rows(data: Dataset, unit: str, model: Model) -> list[dict[str, Any]]:
     for entry in data.logs_of(unit):
         samples = data.samples(entry)
         answer, row = log_features(samples, profile, model)
-        span = {"start_s": float(samples.time[0]), "end_s": float(samples.time[-1])}
-        conditions = {name: getattr(entry.scenario, name) for name in ("load", "duty", "control")}
-        rows.append({**entry.told, **span, **conditions, **_answer(answer), **row})
+        family = max(answer.probabilities, key=lambda name: answer.probabilities[name])
+        rows.append({
+            **entry.told, "start_s": float(samples.time[0]), "end_s": float(samples.time[-1]),
+            **{name: getattr(entry.scenario, name) for name in ("load", "duty", "control")},
+            "answer_verdict": answer.verdict,
+            "answer_fault": answer.faults[0].fault if answer.faults else HEALTHY,
+            "answer_family": family, "answer_confidence": answer.probabilities[family], **row,
+        })  # fmt: skip
     return rows
 
 
-def _answer(answer: Diagnosis) -> dict[str, Any]:
-    family = max(answer.probabilities, key=lambda name: answer.probabilities[name])
-    return {
-        "answer_verdict": answer.verdict,
-        "answer_fault": answer.faults[0].fault if answer.faults else HEALTHY,
-        "answer_family": family, "answer_confidence": answer.probabilities[family],
-    }  # fmt: skip
-
-
 def write_features(table: pa.Table, path: str | Path) -> None:
-    """Write a table whole or not at all; the same table gives the same bytes.
-
-    Raises
-    ------
-    InputError : it cannot be written.
-    """
+    """Write a table whole or not at all; the same table gives the same bytes."""
     with whole_file(path) as temporary:
         parquet.write_table(table, temporary, compression="zstd")
 
 
-def read_features(path: str | Path) -> tuple[pd.DataFrame, dict[str, Any], dict[str, str]]:
-    """Read a table of features.
-
-    Returns
-    -------
-    The table; what it says of itself (``fdd``, ``data``, ``data_sha256``, ``model_sha256``);
-    role of each column.
-
-    Raises
-    ------
-    InputError : no such file, or not one that `write_features` wrote.
-    """
-    path = Path(path)
+def _read_features(path: Path) -> tuple[pd.DataFrame, str, tuple[str, ...]]:
+    """A table of features, the hash of its data set, and the names of the features among its columns."""
     if not path.is_file():
         raise InputError("no such file", where=path, mend=MEND)
     try:
         table = parquet.read_table(path, memory_map=False)
         about = json.loads((table.schema.metadata or {})[KEY])
-        roles = {f.name: f.metadata[b"role"].decode() for f in table.schema}
+        names = tuple(f.name for f in table.schema if f.metadata[b"role"] == b"feature")
     except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
         raise InputError("not a table of features", where=path, mend=MEND) from None
     if not isinstance(about, dict) or about.get("schema") != SCHEMA:
         raise InputError(f"not of version {SCHEMA}", where=path, mend=MEND)
-    return table.to_pandas(), about, roles
+    return table.to_pandas(), about["data_sha256"], names
 
 
 @dataclass(frozen=True)
@@ -209,12 +183,7 @@ class LabelledData:
         return self.features if split is None else self.features[self.features["split"] == split]
 
     def samples(self, file: str) -> Samples:
-        """The samples of a log, its hash checked.
-
-        Raises
-        ------
-        InputError : no such log, or it was changed.
-        """
+        """The samples of a log, its hash checked; an InputError where there is none, or it was changed."""
         entry = next((e for e in self.data.logs if e.file == file), None)
         if entry is None:
             raise InputError(f"no log {file!r}", where=self.data.directory, mend="take one of truth['file']")
@@ -225,10 +194,8 @@ class LabelledData:
 def load_dataset(directory: str | Path, features: str | Path | None = None) -> LabelledData:
     """Open a data set that ``fdd generate`` made.
 
-    Parameters
-    ----------
-    features : table that ``fdd features`` made of it; None takes ``features.parquet`` in its folder, if there
-        is one.
+    `features` is the table that ``fdd features`` made of it; None takes ``features.parquet`` in its folder,
+    if there is one.
 
     Raises
     ------
@@ -236,33 +203,26 @@ def load_dataset(directory: str | Path, features: str | Path | None = None) -> L
     """
     data = Dataset.load(directory)
     path = data.directory / FEATURES_FILE if features is None else Path(features)
-    truth = truth_table(data)
+    truth = _truth_table(data)
     if features is None and not path.is_file():
         return LabelledData(data, truth, None, ())
-    table, about, roles = read_features(path)
-    if about["data_sha256"] != data.manifest.sha256:
+    table, sha256, names = _read_features(path)
+    if sha256 != data.manifest.sha256:
         mend = f"make them anew: fdd features {data.directory} -o {path}"
         raise InputError(f"features of other data than {data.directory}", where=path, mend=mend)
-    names = tuple(name for name, role in roles.items() if role == "feature")
     return LabelledData(data, truth, table, names)
 
 
 def with_features(directory: str | Path, **how: Unpack[How]) -> LabelledData:
-    """A data set with its features: those in its folder, or made now where none of this version are there.
-
-    Raises
-    ------
-    InputError : not a data set, without baselines, or features of other data in its folder.
-    """
+    """A data set with its features: those in its folder, or made now where none of this version are there;
+    errors are those of `load_dataset` and `feature_table`."""
     found = load_dataset(directory)
     if found.names == tuple(FEATURES):
         return found
-    table = feature_table(directory, **how)
-    return replace(found, features=table.to_pandas(), names=tuple(FEATURES))
+    return replace(found, features=feature_table(directory, **how).to_pandas(), names=tuple(FEATURES))
 
 
-def truth_table(data: Dataset) -> pd.DataFrame:
-    """The truth of a data set's logs, a row each; see `LabelledData`."""
+def _truth_table(data: Dataset) -> pd.DataFrame:
     split = split_of(data.units, data.manifest.seed)
     rows = []
     for e in data.logs:

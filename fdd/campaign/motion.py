@@ -10,7 +10,7 @@ import numpy as np
 from fdd.campaign.ranges import Rng, chosen, spread, uniform
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import NEUTRAL, Scale
-from fdd.plant.duty import DUTIES, ConstantSpeed, Duty, Mission, OneWay
+from fdd.plant.duty import DUTIES, Duty, Mission
 from fdd.plant.load import ChangingLoad
 from fdd.plant.programme import Programme
 from fdd.plant.scenario import Control
@@ -44,11 +44,10 @@ def fitting_duty(
     gain: float,
     scale: Scale = NEUTRAL,
 ) -> tuple[Duty, Control]:
-    """Draw a duty of that kind which the unit can do, and its control.
+    """Draw a duty of that kind which the unit's stroke, areas, displacement and drive allow, and its control.
 
     Parameters
     ----------
-    unit : its stroke, areas, displacement and drive are the bounds.
     ranges : parameter to range, where the duty's usual ones are not wanted.
     speed : speed control is wanted; ignored where the duty leaves no choice.
     gain : of the position loop, (rad/s)/m.
@@ -107,37 +106,28 @@ def drawn_mission(
     weights = {n: w for n, w in recipe.duties.items() if n not in ("mission", "constant_speed", "one_way")}
     weights = weights or {"steps": 1.0, "flight": 1.0, "resting": 1.0}
     stages: list[Duty] = []
-    control = Control(mode="position", gain=gain)
     for _ in range(_count(rng, duration)):
         name = chosen(rng, weights)
-        duty, control = fitting_duty(
-            name, unit, rng, recipe.ranges.get(name, {}), speed=False, gain=gain, scale=scale
-        )
-        assert not isinstance(duty, ConstantSpeed | OneWay)
-        stages.append(duty)
+        ranges = recipe.ranges.get(name, {})
+        stages.append(fitting_duty(name, unit, rng, ranges, speed=False, gain=gain, scale=scale)[0])
     amplitude = max(abs(s.offset) + s.amplitude for s in stages)
     seconds = tuple(round(float(s), 3) for s in _lengths(rng, len(stages), duration))
-    return Mission.model_validate(
-        {"stages": [s.model_dump() for s in stages], "seconds": seconds, "amplitude": amplitude}
-    ), control
+    made = {"stages": [s.model_dump() for s in stages], "seconds": seconds, "amplitude": amplitude}
+    return Mission.model_validate(made), Control(mode="position", gain=gain)
 
 
 def changing(values: dict[str, float], rng: Rng, duration: float, duty: Duty, most: float) -> ChangingLoad:
     """A load of that size which changes where the duty does, or at times of its own.
 
-    Parameters
-    ----------
-    values : of `ChangingLoad.usual`, drawn. most : N that the unit can carry.
+    `values` : of `ChangingLoad.usual`, drawn. `most` : N that the unit can carry.
     """
     lengths = duty.seconds if isinstance(duty, Mission) else _lengths(rng, _count(rng, duration), duration)
     starts = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
     levels = np.clip(values["level"] * rng.uniform(-1.0, 1.0, starts.size), -0.3 * most, 0.3 * most)
     gusty = rng.random(starts.size) < 0.4
     deviations = np.where(gusty, min(values["deviation"], 0.15 * most), 0.0)
-    return ChangingLoad(
-        level=_held(starts, levels), deviation=_held(starts, deviations),
-        bandwidth_hz=values["bandwidth_hz"],
-    )  # fmt: skip
+    level, deviation = _held(starts, levels), _held(starts, deviations)
+    return ChangingLoad(level=level, deviation=deviation, bandwidth_hz=values["bandwidth_hz"])
 
 
 def _count(rng: Rng, duration: float) -> int:

@@ -28,13 +28,8 @@ KELVIN = 273.15
 
 @dataclass(frozen=True)
 class Spread:
-    """How a quantity is distributed about its base's value, as a factor.
-
-    Attributes
-    ----------
-    distribution : of the factor. width : standard deviation, of the factor's logarithm if it is lognormal;
-        half the width of a uniform one. source : of both.
-    """
+    """How a quantity is distributed about its base's value, as a factor; `width` is the standard deviation,
+    of the factor's logarithm if it is lognormal, or half the width of a uniform one."""
 
     distribution: Literal["normal", "lognormal", "uniform"]
     width: float
@@ -110,9 +105,8 @@ OIL_VOLUME = {"oil_volume": Spread("normal", 0.1, "as gas_volume")}
 
 AREA_RATIO = Spread("normal", 0.003, "assumption: both chambers have the bore in common, the rod is ground")
 
-FRICTION_LEVEL = Spread(
-    "lognormal", 0.17, "assumption: seals' squeeze and roughness from one cylinder to the next, 15 to 20 %"
-)
+_SEALS = "assumption: seals' squeeze and roughness from one cylinder to the next, 15 to 20 %"
+FRICTION_LEVEL = Spread("lognormal", 0.17, _SEALS)
 """Of Coulomb and static friction, both directions."""
 FRICTION: dict[str, Spread] = {
     "coulomb": Spread("lognormal", 0.2, "thesis Table 5.2: four branches differ by 36 %, fit included"),
@@ -124,11 +118,8 @@ FRICTION: dict[str, Spread] = {
 """Of each direction by itself, beside `FRICTION_LEVEL`."""
 
 CHARGE = Spread("normal", 0.03, "assumption: a reading by gauge, and what leaked since")
-WARM_ZERO = Spread(
-    "normal",
-    0.25,
-    "assumption: transducers typically shift by 0.2 % of their range per 10 K; their bodies differ by 1.5 K",
-)
+_SHIFT = "assumption: transducers typically shift by 0.2 % of their range per 10 K; bodies differ by 1.5 K"
+WARM_ZERO = Spread("normal", 0.25, _SHIFT)
 """Of the recipe's largest zero error: how a sensor's zero after warm-up differs from run to run."""
 WANDER: Range = (0.01, 0.04)
 """Relative standard deviation of a run's friction about its mean, drawn for each run: assumption, a fraction
@@ -142,32 +133,17 @@ def central(rng: Rng, bounds: Range) -> float:
 
 
 def with_its_air(oil: Oil, sheet: Oil) -> Oil:
-    """The oil with the bulk modulus that follows from its own air, on a data sheet's stiffness.
-
-    Parameters
-    ----------
-    oil : drawn, its bulk modulus and air each by itself. sheet : what it was drawn from.
-    """
+    """The drawn oil with the bulk modulus that follows from its own air, on its data sheet's stiffness."""
     stiff = stiff_bulk_modulus(sheet) * oil.bulk_modulus / sheet.bulk_modulus
     air = oil.air_fraction * float(air_compliance(oil.reference_pressure, oil.polytropic_index))
     return oil.model_copy(update={"bulk_modulus": 1.0 / (1.0 / stiff + air)})
 
 
 def charge_factor(unit: Unit, at_reference: float, temperature: float) -> float:
-    """Charge (gauge) of the circuit over the unit's, once its oil is at another temperature.
+    """Charge (gauge) of the circuit over the unit's, once oil and gas are at another temperature (°C).
 
     The oil that expands goes into the accumulator, whose gas follows the ideal gas law; leaks are none.
-
-    Parameters
-    ----------
-    at_reference : the same at the oil's reference temperature.
-    temperature : °C, of oil and gas.
-
-    Examples
-    --------
-    >>> unit = Unit.load("axis_a")
-    >>> [round(charge_factor(unit, 1.0, t), 2) for t in (25.0, 40.0, 55.0)]
-    [0.77, 1.0, 1.34]
+    `at_reference` is the same at the oil's reference temperature.
     """
     store, oil = unit.accumulator, unit.oil
     warmer = temperature - oil.reference_temperature
@@ -182,10 +158,8 @@ def charge_factor(unit: Unit, at_reference: float, temperature: float) -> float:
 def warm_zeros(unit: Unit, zero_errors: Mapping[str, float], rng: Rng) -> Unit:
     """The unit with its sensors' zeros as they are in one run.
 
-    Parameters
-    ----------
-    zero_errors : channel to the most that its zero is off in the recipe, for this machine. The position is
-        left as it is: an incremental encoder's zero is its reference mark.
+    `zero_errors` is the most that each channel's zero is off in the recipe, for this machine. The position is
+    left as it is: an incremental encoder's zero is its reference mark.
     """
     sensors = dict(unit.sensors)
     for channel, most in zero_errors.items():

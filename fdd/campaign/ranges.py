@@ -18,6 +18,18 @@ def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+def within(least: float, most: float) -> AfterValidator:
+    """Marks a range that may not leave these bounds."""
+
+    def inside(pair: tuple[float, float]) -> tuple[float, float]:
+        if pair[0] < least or pair[1] > most:
+            problem = f"[{pair[0]:g}, {pair[1]:g}] leaves {least:g} to {most:g}"
+            raise InputError(problem, mend="correct that range")
+        return pair
+
+    return AfterValidator(inside)
+
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Range = Annotated[tuple[Finite, Finite], AfterValidator(_ordered)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]

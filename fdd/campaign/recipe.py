@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from fdd.bounds import MAX_RECIPE_BYTES
-from fdd.campaign.ranges import Range, Share, Weight
+from fdd.campaign.ranges import Range, Share, Weight, within
 from fdd.campaign.structures import Condition, Structure
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
@@ -28,6 +28,7 @@ from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
 RECIPE_SCHEMA = "fdd.recipe/1"
 MIN_DURATION = 3.0
 """s; readers of logs refuse shorter ones."""
+Severities = Annotated[Range, within(0.0, 1.0)]
 
 ZERO_ERROR = {
     "position": 2e-3,
@@ -66,7 +67,7 @@ class FaultShare(Validated):
     """
 
     weight: Weight = 1.0
-    severity: Range | None = None
+    severity: Severities | None = None
     variants: tuple[str, ...] | None = None
     laws: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=_is_none)] = None
 
@@ -81,7 +82,7 @@ class SensorVariation(Validated):
     zero_error : channel to the most that its zero is off (SI).
     """
 
-    noise_factor: Range = (0.5, 2.5)
+    noise_factor: Annotated[Range, within(0.01, 100.0)] = (0.5, 2.5)
     gain_error: Annotated[float, Field(ge=0.0, le=0.2)] = 0.005
     zero_error: dict[str, Weight] = Field(default_factory=lambda: dict(ZERO_ERROR))
 
@@ -91,18 +92,13 @@ class Recipe(Validated):
 
     Attributes
     ----------
-    name, description : kept with the data.
-    seed : fixes everything random.
     bases : shipped profiles (or paths) that units are varied from, in turn.
-    units, logs_per_unit : how many.
     population : how units and their logs differ: ``uniform``, every physical parameter within ± `variation`;
         ``stated``, each by a distribution of its own with its source (`fdd.campaign.population`).
     variation : share of its base's value within which every physical parameter is drawn uniformly.
     area_mismatch : most by which the second area departs from the first, relative; 0 keeps them equal. Both
         with the uniform population alone.
-    sensors : errors and noise of the sensors.
     duration : s of each log.
-    healthy_share : share of logs without a fault.
     faults : id of the catalogue to its weight and severities.
     laws : by which faults come that may have several: ``first``, which signatures know best; ``all``;
         ``unseen``, all but the first, where there are others. See `laws_of`.
@@ -120,14 +116,12 @@ class Recipe(Validated):
     oil_temperature, warming : °C at the start, °C/s.
     charge_factor : accumulator charge over the unit's.
     ranges : duty or load to its parameters' ranges, where the plant's usual ones are not wanted.
-    recording : dropped rows, late stamps, NaN.
     baseline : whether each unit also makes healthy calibration runs, for ``fdd identify``.
     baseline_kind : what these are: strokes, multi-sine and throttled strokes that were made for
         ``identification``, or ``ordinary`` ones: strokes at several speeds and two runs of work.
     structures : machines that differ in kind, drawn by weight for each unit; none: the bases as they are.
     conditions : what departs from the recipe in single logs, drawn by weight; never in a baseline.
     twins : whether each faulty log is simulated again without its faults.
-    format : of the logs.
     licence, cite : what the data set's card says of them.
 
     Raises
@@ -154,24 +148,24 @@ class Recipe(Validated):
     variation: Annotated[float, Field(ge=0.0, le=0.5)] = 0.15
     area_mismatch: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
     sensors: SensorVariation = SensorVariation()
-    duration: Range = (40.0, 60.0)
+    duration: Annotated[Range, within(MIN_DURATION, 3600.0)] = (40.0, 60.0)
     healthy_share: Share = 0.3
     faults: dict[str, FaultShare] = Field(default_factory=dict)
     laws: Annotated[Literal["first", "all", "unseen"], Field(exclude_if=lambda how: how == "first")] = "first"
-    severity: Range = (0.15, 1.0)
+    severity: Severities = (0.15, 1.0)
     fault_scales: dict[str, Range] = Field(default_factory=lambda: dict(FaultScales.usual))
     second_fault_share: Share = 0.0
     stuck_valve: Literal["any", "loaded"] = "any"
-    onset: Range = (0.2, 0.6)
+    onset: Annotated[Range, within(0.0, 0.99)] = (0.2, 0.6)
     at_start_share: Share = 0.1
     profiles: dict[str, Weight] = Field(default_factory=lambda: dict(PROFILE_WEIGHTS))
     duties: dict[str, Weight] = Field(default_factory=lambda: dict(DUTY_WEIGHTS))
     loads: dict[str, Weight] = Field(default_factory=lambda: dict(LOAD_WEIGHTS))
     speed_control_share: Share = 0.3
-    position_gain: Range = (4_000.0, 16_875.0)
-    oil_temperature: Range = (25.0, 55.0)
-    warming: Range = (0.0, 0.03)
-    charge_factor: Range = (0.7, 1.4)
+    position_gain: Annotated[Range, within(1.0, 30_000.0)] = (4_000.0, 16_875.0)
+    oil_temperature: Annotated[Range, within(-20.0, 100.0)] = (25.0, 55.0)
+    warming: Annotated[Range, within(-0.5, 0.5)] = (0.0, 0.03)
+    charge_factor: Annotated[Range, within(0.2, 3.0)] = (0.7, 1.4)
     ranges: dict[str, dict[str, Range]] = Field(default_factory=dict)
     recording: Recording = Recording()
     baseline: bool = True
@@ -212,27 +206,13 @@ class Recipe(Validated):
         for field, weights in (("profiles", self.profiles), ("duties", self.duties), ("loads", self.loads)):
             if not sum(weights.values()) > 0.0:
                 raise InputError("all weights are 0", where=f"recipe {field}", mend="give one a weight")
-        if self.healthy_share < 1.0 and not sum(f.weight for f in self.faults.values()) > 0.0:
-            problem = (
-                f"{1.0 - self.healthy_share:.0%} of the logs are to be faulty, but no fault has a weight"
-            )
+        weighted = sum(f.weight > 0.0 for f in self.faults.values())
+        if self.healthy_share < 1.0 and not weighted:
+            faulty = 1.0 - self.healthy_share
+            problem = f"{faulty:.0%} of the logs are to be faulty, but no fault has a weight"
             raise InputError(problem, where="recipe faults", mend="name faults, or set healthy_share to 1")
-        if self.second_fault_share > 0.0 and sum(f.weight > 0.0 for f in self.faults.values()) < 2:
+        if self.second_fault_share > 0.0 and weighted < 2:
             raise InputError("second_fault_share needs two faults with a weight", where="recipe faults")
-        for field, (low, high), least, most in (
-            ("severity", self.severity, 0.0, 1.0),
-            *((f"faults {n}", f.severity, 0.0, 1.0) for n, f in self.faults.items() if f.severity),
-            ("onset", self.onset, 0.0, 0.99),
-            ("duration", self.duration, MIN_DURATION, 3600.0),
-            ("position_gain", self.position_gain, 1.0, 30_000.0),
-            ("oil_temperature", self.oil_temperature, -20.0, 100.0),
-            ("warming", self.warming, -0.5, 0.5),
-            ("charge_factor", self.charge_factor, 0.2, 3.0),
-            ("sensors noise_factor", self.sensors.noise_factor, 0.01, 100.0),
-        ):
-            if low < least or high > most:
-                problem = f"[{low:g}, {high:g}] leaves {least:g} to {most:g}"
-                raise InputError(problem, where=f"recipe {field}", mend="correct that range")
         return self
 
     def laws_of(self, name: str) -> tuple[str, ...]:

@@ -125,7 +125,7 @@ def calibration_error(outcomes: Sequence[Outcome], bins: int = 10) -> float:
     Healthy and faulty logs weigh the same in all: the odds before a log is seen are even, and how many of a
     recipe's logs are faulty says nothing of how often an actuator is.
     """
-    p, right = (np.array(x, dtype=np.float64) for x in zip(*(o.sureness for o in outcomes), strict=True))
+    p, right = np.array([o.sureness for o in outcomes], dtype=np.float64).T
     faulty = np.array([bool(o.entry.faults) for o in outcomes])
     weight = np.where(faulty, 1.0 / max(faulty.sum(), 1), 1.0 / max((~faulty).sum(), 1))
     place = np.minimum((p * bins).astype(int), bins - 1)
@@ -136,14 +136,14 @@ def calibration_error(outcomes: Sequence[Outcome], bins: int = 10) -> float:
 def visible_from(outcomes: Sequence[Outcome], kind: str, share: float = 0.9) -> float:
     """Severity from which on a share of a fault's logs is found, by logistic regression; NaN where it is not
     bracketed."""
-    seen = [(o.entry.faults[0].severity, bool(o.timely)) for o in outcomes if len(o.entry.faults) == 1
-            and o.entry.faults[0].fault == kind]  # fmt: skip
-    severity, found = np.array([s for s, _ in seen]), np.array([f for _, f in seen])
+    mine = [o for o in outcomes if [f.fault for f in o.entry.faults] == [kind]]
+    severity = np.array([o.entry.faults[0].severity for o in mine])
+    found = np.array([bool(o.timely) for o in mine])
     if found.size < LEAST_FOR_CURVE or found.all() or not found.any():
         return float("nan")
     fitted = LogisticRegression(C=1e6).fit(np.log(severity)[:, None], found)
     slope, offset = float(fitted.coef_[0, 0]), float(fitted.intercept_[0])
-    at = float(np.exp((np.log(share / (1.0 - share)) - offset) / slope)) if slope > 0.0 else np.nan
+    at = float(np.exp((np.log(share / (1.0 - share)) - offset) / slope)) if slope > 0.0 else np.inf
     return at if at <= severity.max() else float("nan")
 
 

@@ -63,15 +63,9 @@ class Size(Validated):
 
 
 def sized_unit(size: Size, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES) -> Unit:
-    """A data sheet of a machine of that size.
+    """A data sheet of a machine of that size: a profile whose parts fit each other.
 
-    Parameters
-    ----------
-    oil_temperatures : °C, coldest and hottest that its accumulator has to outlast.
-
-    Returns
-    -------
-    A profile whose parts fit each other; `fdd.campaign.drawing` varies it as it varies any base.
+    `oil_temperatures` are the coldest and hottest (°C) that its accumulator has to outlast.
     """
     axis = Unit.load(AXIS)
     rated, displacement = log_uniform(rng, size.rated_pressure), log_uniform(rng, size.displacement)
@@ -140,12 +134,8 @@ def sized_unit(size: Size, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES)
 
 
 def with_accumulator(unit: Unit, oil_temperatures: Range, margin: float = MARGIN[0]) -> Unit:
-    """The unit with gas and oil of `fdd.data_sheet.accumulator.accumulator_volumes`, `margin` times.
-
-    Parameters
-    ----------
-    oil_temperatures : °C, coldest and hottest.
-    """
+    """The unit with gas and oil of `fdd.data_sheet.accumulator.accumulator_volumes`, `margin` times;
+    `oil_temperatures` in °C, coldest and hottest."""
     cylinder, store, oil = unit.cylinder, unit.accumulator, unit.oil
     coldest, hottest = (t - oil.reference_temperature for t in oil_temperatures)
     volumes = cylinder.volume_1, cylinder.volume_2

@@ -122,15 +122,9 @@ def learnt_spread(
         freedom = _freedom(
             np.concatenate(weights), np.concatenate([f.told.sum(axis=1) for f in found]), freedom
         )
-    told = np.concatenate([f.told for f in found])
-    return Spread(
-        m,
-        np.sqrt(units_variance),
-        np.sqrt(parts),
-        told.sum(axis=0),
-        freedom,
-        float(np.sqrt(usual[1])),
-    )
+    told = np.concatenate([f.told for f in found]).sum(axis=0)
+    noise = float(np.sqrt(usual[1]))
+    return Spread(m, np.sqrt(units_variance), np.sqrt(parts), told, freedom, noise)
 
 
 def _freedom(weights: Array, told: Array, freedom: float) -> float:
@@ -150,14 +144,12 @@ def learn_spreads(directories: Sequence[str | Path], **how: Unpack[How]) -> Spre
 
     Raises
     ------
-    InputError : not a data set, without baselines, or too few units.
+    InputError : not a data set, or too few units.
     """
     sets = [Dataset.load(d) for d in directories]
     if (number := sum(len(data.units) for data in sets)) < LEAST_UNITS:
-        raise InputError(
-            f"{number} units: at least {LEAST_UNITS} are needed to learn what units differ by",
-            mend="leave --spreads out, or generate more units",
-        )
+        problem = f"{number} units: at least {LEAST_UNITS} are needed to learn what units differ by"
+        raise InputError(problem, mend="leave --spreads out, or generate more units")
     units = over_units(_equations, directories, **how)
     before = shipped_spreads()
     balances = dict(before.balances)
@@ -197,12 +189,7 @@ class HealthyLogs:
 
 
 def healthy_logs(data: Dataset, name: str, spreads: Spreads | None = None) -> HealthyLogs:
-    """A unit of a data set, identified from its own baseline.
-
-    Parameters
-    ----------
-    spreads : of a model; None takes the shipped ones.
-    """
+    """A unit of a data set, identified from its own baseline; with a model's `spreads`, else the shipped."""
     runs = data.baseline(name)
     unit = identify_unit(runs, data.base_unit(name), name).unit
     baseline = histories_of(unit, runs)
@@ -213,7 +200,6 @@ def healthy_logs(data: Dataset, name: str, spreads: Spreads | None = None) -> He
 
 
 def _equations(data: Dataset, unit: str) -> list[dict[str, UnitLogs]]:
-    """What a unit's healthy logs tell of each balance."""
     logs = healthy_logs(data, unit)
     out: dict[str, UnitLogs] = {}
     for name in BALANCES:

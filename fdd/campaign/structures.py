@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from fdd.campaign.ranges import Range, Rng, Weight, drawn, spread
+from fdd.campaign.ranges import Range, Rng, Share, Weight, drawn, spread
 from fdd.campaign.sizes import OIL_TEMPERATURES, Size, sized_unit, with_accumulator
 from fdd.errors import InputError
 from fdd.plant.details import Details
@@ -19,8 +19,9 @@ from fdd.validation import input_error
 if TYPE_CHECKING:
     from fdd.campaign.recipe import Recipe
 
-PARTS = ("cylinder", "pump", "oil", "accumulator", "drive")
 POLES = ("pole_1", "pole_2", "zero")
+Part = Annotated[str, Field(pattern="^(cylinder|pump|oil|accumulator|drive)$")]
+Error = Annotated[str, Field(pattern="^(noise|resolution|bandwidth_hz)$")]
 EQUAL = 0.97
 """Ratio of areas from which on a pump can feed both chambers without piloted valves."""
 
@@ -30,9 +31,7 @@ class Departure(Validated):
 
     Attributes
     ----------
-    name, weight : in labels; share among its likes.
-    duties, loads, oil_temperature, warming, charge_factor, position_gain, speed_control_share : as the
-        recipe's own.
+    weight : share among its likes.
     loop : factor on the poles and the zero of the drive's velocity loop: a loop tuned anew.
     noise : factor on the noise of all sensors.
     """
@@ -45,7 +44,7 @@ class Departure(Validated):
     warming: Range | None = None
     charge_factor: Range | None = None
     position_gain: Range | None = None
-    speed_control_share: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    speed_control_share: Share | None = None
     loop: Range = (1.0, 1.0)
     noise: Range = (1.0, 1.0)
 
@@ -78,21 +77,16 @@ class Structure(Departure):
     size : of a machine that is drawn as a whole instead.
     profile : section to field to the range that it is drawn from, on top of base or size.
     details : of the plant (`fdd.plant.details.Details`): a range, or the name of a law.
-    sensors : channel to field to range: noise, resolution, bandwidth_hz.
+    sensors : channel to field to range.
     rate, speed, channels : of the log, see `fdd.plant.sensors.recording.Recording`.
     baseline_kind : None takes the recipe's.
-
-    Examples
-    --------
-    >>> Structure(name="slow", details={"check_lag": [0.005, 0.02], "friction_law": "dahl"}).rate
-    1000
     """
 
     base: str | None = None
     size: Size | None = None
-    profile: dict[str, dict[str, Range]] = Field(default_factory=dict)
+    profile: dict[Part, dict[str, Range]] = Field(default_factory=dict)
     details: dict[str, Range | str] = Field(default_factory=dict)
-    sensors: dict[str, dict[str, Range]] = Field(default_factory=dict)
+    sensors: dict[str, dict[Error, Range]] = Field(default_factory=dict)
     rate: Literal[200, 500, 1000, 2000] = 1000
     speed: Literal["counts", "sampled"] = "counts"
     channels: tuple[str, ...] | None = None
@@ -105,9 +99,6 @@ class Structure(Departure):
             raise InputError("base and size are both given", where=where, mend="leave one out")
         example = Unit.load("axis_a")
         for part, fields in self.profile.items():
-            if part not in PARTS:
-                mend = f"use fields of: {', '.join(PARTS)}"
-                raise InputError(f"unknown {part}", where=f"{where} profile", mend=mend)
             section = getattr(example, part)
             for end in (0, 1):
                 values = {n: bounds[end] for n, bounds in fields.items()}
@@ -115,11 +106,6 @@ class Structure(Departure):
                     type(section).model_validate({**section.model_dump(exclude={"provenance"}), **values})
                 except ValidationError as error:
                     raise input_error(error, f"{where} profile {part}", "correct that range") from None
-        for channel, fields in self.sensors.items():
-            if odd := set(fields) - {"noise", "resolution", "bandwidth_hz"}:
-                problem = f"{channel} {min(odd)} cannot be drawn"
-                mend = "use noise, resolution or bandwidth_hz"
-                raise InputError(problem, where=f"{where} sensors", mend=mend)
         for end in (0, 1):
             Details(**{n: v if isinstance(v, str) else v[end] for n, v in self.details.items()})
         self.recording(Recording())
@@ -145,18 +131,17 @@ class Structure(Departure):
             unit = Unit.load(self.base or base)
         else:
             unit = sized_unit(self.size, rng, oil_temperatures)
-        parts: dict[str, Any] = {}
-        for name, ranges in self.profile.items():
-            section = getattr(unit, name)
-            parts[name] = section.model_copy(update={**drawn(rng, ranges), "provenance": {}})
+        parts = {
+            name: getattr(unit, name).model_copy(update={**drawn(rng, ranges), "provenance": {}})
+            for name, ranges in self.profile.items()
+        }
         unit = unit.model_copy(update=parts)
         if self.size is not None and "oil" in parts and "accumulator" not in parts:
             unit = with_accumulator(unit, oil_temperatures)  # softer oil asks for more of it
         sensors = dict(unit.sensors)
         for channel, ranges in self.sensors.items():
-            sensors[channel] = Sensor(
-                **{**sensors[channel].model_dump(exclude={"source", "lines"}), **drawn(rng, ranges)}
-            )
+            known = sensors[channel].model_dump(exclude={"source", "lines"})
+            sensors[channel] = Sensor(**{**known, **drawn(rng, ranges)})
         described = f"{unit.description} Structure {self.name}."
         unit = unit.model_copy(update={"sensors": sensors, "description": described})
         return Unit.from_yaml(self.changed(unit, rng).to_yaml())

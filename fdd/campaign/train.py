@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import expit, logit
 
-from fdd.campaign.dataset import Dataset, Entry
+from fdd.campaign.dataset import HEALTHY, Dataset, Entry
 from fdd.campaign.units import How, over_units
 from fdd.diagnosis.answering import Z80, hidden_share
 from fdd.diagnosis.baseline import add_baseline
@@ -48,18 +48,14 @@ class ScoredLog:
 
     Attributes
     ----------
-    structure : of its unit, where the recipe has several. family : true one. faults : true ones.
-    laws : fault and law of those that may have several.
-    answer : leading one, "" for none. score : of the whole log. peak : the largest that stood meanwhile.
+    family, faults : true ones. laws : fault and law of those that may have several.
+    score : of the whole log. peak : the largest that stood meanwhile.
     healthy_s : s before a fault acts. doubt : std of the severity's logarithm that its 80 % interval lacked
         to hold the true one; NaN where another fault was answered. hidden : share of faults that it could
         not have shown. later : of each finding beside a surer one its log odds and whether it was right.
     """
 
-    unit: str
-    structure: str
     family: str
-    answer: str
     score: float
     peak: float
     healthy_s: float
@@ -70,9 +66,7 @@ class ScoredLog:
     later: tuple[tuple[float, bool], ...] = ()
 
 
-def train(
-    directories: Sequence[str | Path], *, spreads: Spreads | None = None, **how: Unpack[How]
-) -> tuple[Model, list[ScoredLog]]:
+def train(directories: Sequence[str | Path], *, spreads: Spreads | None = None, **how: Unpack[How]) -> Model:
     """Learn a model from data sets.
 
     Parameters
@@ -86,20 +80,15 @@ def train(
     logs = over_units(_scored, directories, spreads, **how)
     model = learnt(logs, ", ".join(Dataset.load(d).described for d in directories))
     model.spreads = spreads
-    return model, logs
+    return model
 
 
 def learnt(logs: list[ScoredLog], data: str) -> Model:
-    """Tail and calibration of scored logs.
-
-    Raises
-    ------
-    InputError : too few healthy or faulty logs.
-    """
+    """Tail and calibration of scored logs; an InputError where too few are healthy, or faulty."""
     from sklearn.linear_model import LogisticRegression  # a second, which readers of data sets need not wait
 
-    healthy = [x for x in logs if x.family == "healthy"]
-    faulty = np.array([root(x.score) for x in logs if x.family != "healthy"])
+    healthy, ill = ([x for x in logs if (x.family == HEALTHY) == well] for well in (True, False))
+    faulty = np.array([root(x.score) for x in ill])
     if min(len(healthy), faulty.size) < LEAST_LOGS:
         problem = f"{len(healthy)} healthy and {faulty.size} faulty logs"
         raise InputError(problem, mend=f"at least {LEAST_LOGS} of each are needed")
@@ -128,7 +117,7 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     # Half of the healthy logs lie below their median, and so do faults that leave no trace. Some of these the
     # log could not have shown: what is learnt are the others.
     missed = min(2.0 * float(np.mean(faulty < np.median(of_logs))), 1.0)
-    hidden = float(np.mean([x.hidden for x in logs if x.family != "healthy"]))
+    hidden = float(np.mean([x.hidden for x in ill]))
     unseen = max(1.0 - (1.0 - missed) / max(1.0 - hidden, 1e-3), 0.0)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
     doubt = float(np.quantile(doubts, 0.8)) if doubts.size >= LEAST_LOGS else 0.15
@@ -148,9 +137,7 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
 def second_odds(later: Sequence[tuple[float, bool]]) -> float:
     """Log odds against findings beside a surer one, by which as many are right as said.
 
-    Parameters
-    ----------
-    later : log odds of each, as if it had stood alone, and whether it was right.
+    `later` : log odds of each, as if it had stood alone, and whether it was right.
     """
     if len(later) < LEAST_LOGS:
         return Calibration.model_fields["second"].default
@@ -191,8 +178,7 @@ def _scored(data: Dataset, unit: str, spreads: Spreads | None) -> list[ScoredLog
     out = []
     for entry in data.logs_of(unit):
         out.append(_score(entry, data.samples(entry), profile, model))
-        twin = data.twin(entry)
-        if twin is not None:
+        if (twin := data.twin(entry)) is not None:
             out.append(_score(entry.model_copy(update={"faults": ()}), twin, profile, model))
     return out
 
@@ -205,10 +191,8 @@ def _score(entry: Entry, samples: Samples, profile: Unit, model: Model) -> Score
     names, calibration = {f.fault for f in entry.faults}, pipeline.model.calibration
     onset = min((f.onset_s for f in entry.faults), default=found.duration_s)
     return ScoredLog(
-        unit=entry.unit, structure=getattr(entry, "structure", "") or "",
-        family=entry.faults[0].family if entry.faults else "healthy",
-        answer=hydraulic[0].family if hydraulic else "", score=pipeline.score, peak=pipeline.largest_score,
-        healthy_s=onset, doubt=_doubt(entry, hydraulic, calibration.severity_doubt),
+        family=entry.family, score=pipeline.score, peak=pipeline.largest_score, healthy_s=onset,
+        doubt=_doubt(entry, hydraulic, calibration.severity_doubt),
         hidden=hidden_share(found.not_visible), faults=tuple(f.fault for f in entry.faults),
         laws=tuple((f.fault, f.law) for f in entry.faults if f.law is not None),
         later=tuple(
@@ -219,12 +203,8 @@ def _score(entry: Entry, samples: Samples, profile: Unit, model: Model) -> Score
 
 
 def _doubt(entry: Entry, found: list[FaultFinding], known: float) -> float:
-    """What the std of the leading severity's logarithm must be for its 80 % interval to reach the true one.
-
-    Parameters
-    ----------
-    known : what the interval allows for already.
-    """
+    """What the std of the leading severity's logarithm must be for its 80 % interval to reach the true one;
+    `known` : what the interval allows for already."""
     if len(entry.faults) != 1 or not found or found[0].fault != entry.faults[0].fault:
         return float("nan")
     size, interval = found[0].severity, found[0].severity_interval

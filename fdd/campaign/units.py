@@ -32,15 +32,11 @@ def over_units(
     *given: *Given,
     **how: Unpack[How],
 ) -> list[Result]:
-    """Join what `work` gives for the units of data sets, in their order.
+    """Join what `work` gives for the units of data sets, in their order; see `for_each_unit`.
 
     Parameters
     ----------
     work : data set, unit's name and what is `given` to its results; a function of a module.
-
-    Raises
-    ------
-    InputError : not a data set, and as `for_each_unit`.
     """
     folders = [data.directory / unit for data in map(Dataset.load, directories) for unit in data.units]
     return for_each_unit(partial(_opened, work, given), folders, **how)
@@ -65,13 +61,13 @@ def for_each_unit(
     progress = how.get("progress")
     engine, workers = how.get("engine", "local"), how.get("workers", 1)
     for number, told in map_unordered(partial(_tried, work), units, engine=engine, workers=workers):
+        found[number] = [] if isinstance(told, InputError) else told
         if isinstance(told, InputError):
             refused.append(told)
             warnings.warn(f"{units[number]} left out: {told}", stacklevel=2)
-        found[number] = [] if isinstance(told, InputError) else told
         if progress is not None:
             progress(len(found), len(units))
-    if len(refused) == len(units) and refused:
+    if refused and len(refused) == len(units):
         raise refused[-1]
     return [result for number in range(len(units)) for result in found[number]]
 

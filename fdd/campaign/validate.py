@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fdd.campaign.dataset import Dataset, Entry
+from fdd.campaign.dataset import Dataset
 from fdd.campaign.scores import Outcome, figures, wilson
 from fdd.campaign.train import identified_unit
 from fdd.campaign.units import How, over_units
@@ -29,28 +29,25 @@ SETTLED_S = 5.0
 """After the start and after a fault's step the estimators are given this long."""
 
 
-def validate(directory: str | Path, model: str | None = None, **how: Unpack[How]) -> list[Outcome]:
+def validate(directory: str | Path, model: Model | None = None, **how: Unpack[How]) -> list[Outcome]:
     """Diagnose every log of a data set on profiles identified from its units' own baselines.
 
     Raises
     ------
-    InputError : not a data set, or an unusable model.
+    InputError : not a data set, or without baselines.
     """
-    return over_units(_unit_outcomes, [directory], Model.load(model), **how)
+    return over_units(_unit_outcomes, [directory], model or Model.load(), **how)
 
 
 def _unit_outcomes(data: Dataset, unit: str, model: Model) -> list[Outcome]:
-    profile, true = identified_unit(data, unit), data.true_unit(unit)
-    return [_outcome(data, entry, profile, true, model) for entry in data.logs_of(unit)]
-
-
-def _outcome(data: Dataset, entry: Entry, profile: Unit, true: Unit, model: Model) -> Outcome:
-    pipeline = Pipeline(profile, model, axis=entry.unit, log=entry.file)
-    pipeline.push(data.samples(entry))
-    found = pipeline.finish()
-    truth = data.truth(entry)
-    errors = estimate_errors(pipeline.trajectories(), truth, profile, true)
-    return Outcome(entry, found, errors)
+    profile, true, outcomes = identified_unit(data, unit), data.true_unit(unit), []
+    for entry in data.logs_of(unit):
+        pipeline = Pipeline(profile, model, axis=entry.unit, log=entry.file)
+        pipeline.push(data.samples(entry))
+        found = pipeline.finish()
+        errors = estimate_errors(pipeline.trajectories(), data.truth(entry), profile, true)
+        outcomes.append(Outcome(entry, found, errors))
+    return outcomes
 
 
 def estimate_errors(
@@ -73,35 +70,33 @@ def estimate_errors(
     mine, theirs = profile.cylinder, true.cylinder
     volume = (mine.volume_1 + mine.volume_2) / (theirs.volume_1 + theirs.volume_2)
     scale = {"leakage": area, "bulk_modulus": volume / area}
+    right = {"leakage": truth["leakage"], "bulk_modulus": _true_modulus(truth, profile, true)}
     out = {}
     for method, values in found.estimates.items():
         for name, factor in scale.items():
-            right = np.interp(time, truth.time, _reference(truth, name, profile, true)) * factor
+            expected = np.interp(time, truth.time, right[name]) * factor
             flag = found.observable[name] & settled
-            error = np.abs(values[name][flag] / right[flag] - 1.0)
+            error = np.abs(values[name][flag] / expected[flag] - 1.0)
             out[method, name] = (float(np.median(error)) if error.size else float("nan"), float(flag.mean()))
     return out
 
 
-def _reference(truth: Truth, name: str, profile: Unit, true: Unit) -> NDArray[np.float64]:
-    """True leakage, or bulk modulus at the profile's (not the true unit's) reference pressure."""
-    if name == "leakage":
-        return np.asarray(truth["leakage"])
-
-    def per_air(pressure: float) -> float:
-        return float(air_compliance(pressure, true.oil.polytropic_index))
-
-    at_true = 1.0 / np.asarray(truth["bulk_modulus"])
-    stiff = 1.0 / true.oil.bulk_modulus - true.oil.air_fraction * per_air(true.oil.reference_pressure)
-    air = (at_true - stiff) / per_air(true.oil.reference_pressure)
-    return np.asarray(1.0 / (stiff + air * per_air(profile.oil.reference_pressure)))
+def _true_modulus(truth: Truth, profile: Unit, true: Unit) -> NDArray[np.float64]:
+    """True bulk modulus at the profile's (not the true unit's) reference pressure."""
+    oil = true.oil
+    there, here = (
+        float(air_compliance(p, oil.polytropic_index))
+        for p in (oil.reference_pressure, profile.oil.reference_pressure)
+    )
+    stiff = 1.0 / oil.bulk_modulus - oil.air_fraction * there
+    air = (1.0 / np.asarray(truth["bulk_modulus"]) - stiff) / there
+    return np.asarray(1.0 / (stiff + air * here))
 
 
 def summary(outcomes: list[Outcome], model: Model | None = None) -> str:
     """What ``reports/validation.md`` says (Markdown); `model` is the one that was asked, None the shipped."""
-    kinds = sorted({f.fault for o in outcomes for f in o.entry.faults})
     rows = []
-    for kind in kinds:
+    for kind in sorted({f.fault for o in outcomes for f in o.entry.faults}):
         mine = [o for o in outcomes if kind in {f.fault for f in o.entry.faults}]
         hits = [o for o in mine if o.timely]
         answers = Counter(o.timely[0].fault.replace("_", " ") for o in hits)
@@ -172,11 +167,11 @@ def by_law(outcomes: list[Outcome], model: Model) -> list[str]:
 
 def report_text(outcomes: list[Outcome], data: Dataset, model: Model | None = None) -> str:
     """The whole of ``validation.md``, with how it was made; `model` as in `summary`."""
+    recipe = data.recipe
     return (
-        f"# Validation on {data.recipe.name}\n\n"
-        f"{data.recipe.description}\n\n"
-        f"Made by `fdd validate` on the data set of `datasets/{data.recipe.name}.yaml` "
-        f"(seed {data.recipe.seed}, {len(data.units)} units, {len(data.logs)} logs). Each unit's profile is "
+        f"# Validation on {recipe.name}\n\n{recipe.description}\n\n"
+        f"Made by `fdd validate` on the data set of `datasets/{recipe.name}.yaml` "
+        f"(seed {recipe.seed}, {len(data.units)} units, {len(data.logs)} logs). Each unit's profile is "
         "identified from its own healthy calibration runs; no unit was in the training data.\n\n"
         f"{summary(outcomes, model)}"
     )

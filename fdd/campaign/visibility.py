@@ -16,8 +16,8 @@ SUMMARISED = (*PRESSURES, "motor_current")
 """Channels of which a log's figure is the largest rms. Encoders count so finely, and travel adds up so far,
 that in angle and position any fault would be visible."""
 EDGES = (1.0, 3.0, 10.0)
+"""Of the largest rms, in standard deviations of noise: visible is a fault from the first one on."""
 CLASSES = ("below 1", "1 to 3", "3 to 10", "above 10")
-"""Of the largest rms, in standard deviations of noise."""
 ROWS_LOST = "rows lost"
 """Class of what changes no value by a deviation but takes values out of the log (a loose contact)."""
 
@@ -45,17 +45,8 @@ def noise_deviation(unit: Unit, channel: str, recording: Recording) -> float:
     """Standard deviation of a channel's noise, SI; 0 for one that is known, not measured.
 
     White noise, tones (amplitude a: a²/2) and rounding (step q: q²/12; Widrow and Kollár 2008, doi
-    10.1017/CBO9780511754661), as independent. A speed counted from the angle is rounded twice. Shaft orders
-    are left out: they belong to the motion.
-
-    Parameters
-    ----------
-    unit : the true one, as the log was simulated. recording : how the log was taken.
-
-    Examples
-    --------
-    >>> f"{noise_deviation(Unit.load('axis_a'), 'position', Recording()):.4g}"
-    '2.887e-07'
+    10.1017/CBO9780511754661) of the true unit's sensors, as independent. A speed counted from the angle is
+    rounded twice. Shaft orders are left out: they belong to the motion.
     """
     if channel in KNOWN:
         return 0.0
@@ -88,19 +79,8 @@ def largest_rms(found: Mapping[str, ChannelVisibility]) -> float:
     return max((each.rms for name, each in found.items() if name in SUMMARISED), default=0.0)
 
 
-def is_visible(found: Mapping[str, ChannelVisibility]) -> bool:
-    """Whether a pressure or the current has an rms of at least one standard deviation of its noise."""
-    return largest_rms(found) >= EDGES[0]
-
-
 def visibility_class(found: Mapping[str, ChannelVisibility]) -> str:
-    """One of `CLASSES`, or `ROWS_LOST`.
-
-    Examples
-    --------
-    >>> visibility_class({"pressure_1": ChannelVisibility(noise=3e3, rms=3.0, peak=9.0, lost=0.0)})
-    '3 to 10'
-    """
+    """One of `CLASSES`, or `ROWS_LOST`."""
     rms = largest_rms(found)
     if rms < EDGES[0] and any(each.lost > 0.0 for each in found.values()):
         return ROWS_LOST

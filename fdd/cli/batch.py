@@ -6,6 +6,7 @@ import os
 import signal
 import traceback
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import lru_cache, partial
 from pathlib import Path
 from types import FrameType
@@ -70,25 +71,17 @@ class AnswersFolder:
                 known[answer.log] = answer
         found = {}
         for number, job in enumerate(jobs):
-            pages = [p for p in (job.report, job.page, job.mcap) if p is not None]
             before = known.get(printable(job.name))
-            if before is None or not (before.error or all(p.is_file() for p in pages)):
+            if before is None or not (before.error or all(p.is_file() for p in job.outputs)):
                 continue
-            try:
+            with suppress(InputError):
                 if diagnoser.hashes(job.path) == before.sha256:
                     found[number] = before
-            except InputError:
-                continue
         return found
 
     def write(self, jobs: Sequence[Job], answers: dict[int, Diagnosis], *, pages: bool = True) -> None:
-        """Write what is known so far, in the order of the jobs.
-
-        Parameters
-        ----------
-        answers : by the number of the job.
-        pages : with table and index; else only what ``--resume`` goes on from.
-        """
+        """Write the answers so far, by the number of their job, in order; without `pages`, which are
+        table and index, only what ``--resume`` goes on from."""
         from fdd.report.overview import Row, render_index, summary_csv
 
         ordered = [(jobs[k], answers[k]) for k in sorted(answers)]
@@ -105,28 +98,17 @@ class AnswersFolder:
 
 
 def worked(
-    jobs: Sequence[tuple[int, Job]], settings: Settings, workers: int | None, engine: Engine = "local"
+    jobs: Sequence[Job], settings: Settings, workers: int | None, engine: Engine = "local"
 ) -> Iterator[tuple[int, Diagnosis]]:
-    """Work jobs, and show how far they are; gives answers as they come.
-
-    Parameters
-    ----------
-    jobs : with a number each, which comes back with the answer.
-    settings : known to be usable.
-    workers, engine : see `fdd.engines.map_unordered`.
-
-    Yields
-    ------
-    The number, and the answer: that of a log that could not be read has an `error`.
-    """
+    """Work jobs, see `fdd.engines.map_unordered`, and show how far they are; gives their numbers and answers
+    as they come. The answer of a log that could not be read has an `error`."""
     from fdd.cli.console import progress
 
     _diagnoser.cache_clear()  # its files may have changed since the last call in this process
-    plain = [job for _, job in jobs]
-    answers = map_unordered(partial(_work, settings), plain, engine=engine, workers=workers, begin=_begin)
+    answers = map_unordered(partial(_work, settings), jobs, engine=engine, workers=workers, begin=_begin)
     with progress(f"diagnosing {len(jobs)} logs", len(jobs)) as advance:
-        for done, (k, answer) in enumerate(answers, 1):
-            yield jobs[k][0], answer
+        for done, answer in enumerate(answers, 1):
+            yield answer
             advance(done)
 
 
@@ -147,10 +129,8 @@ def _stop(number: int, frame: FrameType | None) -> None:
     raise SystemExit(INTERRUPTED)
 
 
-@lru_cache(maxsize=1)
-def _diagnoser(settings: Settings) -> Diagnoser:
-    """What the logs that a process works share."""
-    return Diagnoser(settings)
+_diagnoser = lru_cache(maxsize=1)(Diagnoser)
+"""What the logs that a process works share."""
 
 
 def _work(settings: Settings, job: Job) -> Diagnosis:
@@ -161,7 +141,7 @@ def _work(settings: Settings, job: Job) -> Diagnosis:
         raise SystemExit(INTERRUPTED)
     diagnoser = _diagnoser(settings)
     try:
-        found = diagnoser.diagnose(job, diagnoser.read(job), keep_trajectories=job.shows_trajectories)
+        found = diagnoser.diagnose(job, diagnoser.read(job), keep_trajectories=bool(job.outputs))
         diagnoser.write(job, found)
         return found.diagnosis
     except InputError as error:
@@ -172,8 +152,7 @@ def _work(settings: Settings, job: Job) -> Diagnosis:
         if os.environ.get("FDD_DEBUG"):
             traceback.print_exc()
         line = f"{job.path}: internal error: {type(error).__name__}: {error}"[:500]
-    try:
+    hashes: dict[str, str] = {}
+    with suppress(InputError):
         hashes = diagnoser.hashes(job.path)
-    except InputError:
-        hashes = {}
     return Diagnosis.unreadable(printable(job.name), printable(" ".join(line.split())), hashes)

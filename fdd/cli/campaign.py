@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
-from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -13,11 +11,6 @@ from fdd.cli import options
 from fdd.cli.options import argument, option, require_packages
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text, written
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from fdd.campaign.train import ScoredLog
 
 Target = Literal["family", "fault"]
 
@@ -42,11 +35,9 @@ def generate(
     from fdd.campaign.recipe import Recipe
     from fdd.cli.console import counted
 
-    campaign = Recipe.load(recipe)
     given = {"units": units, "logs_per_unit": logs, "twins": twins}
     asked = {name: value for name, value in given.items() if value is not None}
-    if asked:
-        campaign = Recipe(**{**campaign.model_dump(by_alias=True), **asked})
+    campaign = Recipe(**{**Recipe.load(recipe).model_dump(by_alias=True), **asked})
     with counted(f"generating {out.name}") as step:
         run(campaign, out, workers=workers, engine=engine, progress=step)
     print(f"Data set written to {out}")
@@ -69,16 +60,15 @@ def features(
     from fdd.campaign.loading import feature_table, write_features
     from fdd.cli.console import counted
 
-    asked = None if model is None else str(model)
     with counted(f"features of {dataset.name}") as step:
-        table = feature_table(dataset, model=asked, workers=workers, engine=engine, progress=step)
+        table = feature_table(dataset, model=model, workers=workers, engine=engine, progress=step)
     write_features(table, out)
     print(f"{table.num_rows} rows of {table.num_columns} columns written to {out}")
 
 
 def validate(
     dataset: options.DatasetArgument,
-    model: Annotated[str | None, option("Model file that fdd train wrote; the shipped one else.")] = None,
+    model: options.ModelOption = None,
     out: Annotated[Path | None, option("Folder for validation.md and outcomes.csv.", "--out", "-o")] = None,
     workers: options.WorkersOption = None,
     engine: options.EngineOption = "local",
@@ -93,10 +83,9 @@ def validate(
     from fdd.cli.console import counted
     from fdd.diagnosis.model import Model
 
-    data = Dataset.load(dataset)
+    data, asked = Dataset.load(dataset), Model.load(model)
     with counted(f"validating on {data.recipe.name}") as step:
-        outcomes = run(dataset, model, workers=workers, engine=engine, progress=step)
-    asked = Model.load(model)
+        outcomes = run(dataset, asked, workers=workers, engine=engine, progress=step)
     print(summary(outcomes, asked), end="")
     if out is not None:
         with written(out):
@@ -111,23 +100,18 @@ def train(
     out: Annotated[Path, option("Model file (JSON), or classifier file (.skops).", "--out", "-o")],
     classifier: Annotated[
         str | None,
-        option(
-            "Train a classifier of scikit-learn's kind instead: logistic, boosting, of an installed "
-            "package, or what a function returns.",
-            metavar="NAME|MODULE:FUNCTION",
-        ),
+        option("Train a classifier of scikit-learn's kind instead: logistic, boosting, of an installed "
+               "package, or what a function returns.", metavar="NAME|MODULE:FUNCTION"),
     ] = None,
     target: Annotated[Target, typer.Option(help="What a classifier is to tell.")] = "family",
     spreads: Annotated[
         bool,
-        typer.Option(
-            "--spreads/--no-spreads",
-            help="Learn as well what healthy units and logs differ by, instead of taking fdd's own; "
-            "from 20 units on, with twins best.",
-        ),
+        typer.Option("--spreads/--no-spreads",
+                     help="Learn as well what healthy units and logs differ by, instead of taking fdd's own; "
+                     "from 20 units on, with twins best."),
     ] = False,
     workers: options.WorkersOption = None,
-) -> None:
+) -> None:  # fmt: skip
     """Learn from data sets how often healthy logs reach a score, and what a score is worth."""
     require_writable(out)
     if classifier is not None:
@@ -135,31 +119,28 @@ def train(
         return
 
     from fdd.campaign.scores import rate
+    from fdd.campaign.spreads import learn_spreads
     from fdd.campaign.train import train as fit
-    from fdd.cli.console import counted, output
+    from fdd.cli.console import counted
 
-    count = workers or os.cpu_count() or 1
     found = None
     try:
         if spreads:
-            from fdd.campaign.spreads import learn_spreads
-
             with counted("what healthy logs differ by") as step:
-                found = learn_spreads(datasets, workers=count, progress=step)
+                found = learn_spreads(datasets, workers=workers, progress=step)
         with counted("training") as step:
-            model, logs = fit(datasets, workers=count, progress=step, spreads=found)
+            model = fit(datasets, workers=workers, progress=step, spreads=found)
     except InputError as error:
         raise (error if error.where else error.at(datasets[0])) from None
     model.save(out)
-    output().print(confusion_table(logs))
-    tail = model.tail
+    tail, worth = model.tail, model.calibration
     passed = rate(round(tail.rate_per_hour * tail.hours), tail.hours)
     print(
         f"Healthy: scores pass {0.5 * tail.height**2:.1f} {passed}, 95 %, and {tail.threshold(1.0):.1f} once."
     )
     print(
-        f"Where one log in {1.0 / model.calibration.prior:.0f} is faulty, a log is called so from a score of "
-        f"{model.calibration.even:.1f} on; one healthy log in fifty reaches {model.calibration.least:.1f}."
+        f"Where one log in {1.0 / worth.prior:.0f} is faulty, a log is called so from a score of "
+        f"{worth.even:.1f} on; one healthy log in fifty reaches {worth.least:.1f}."
     )
     print(f"Model written to {out}")
 
@@ -193,18 +174,3 @@ def _train_classifier(
         load_classifier(out)
     except InputError as error:
         remark(f"fdd diagnose will refuse it: {error}")
-
-
-def confusion_table(logs: list[ScoredLog]) -> Table:
-    """Answers to the logs of each true family, the most frequent first, and the share that is right with its
-    95 % interval; narrow enough for 80 columns."""
-    from fdd.campaign.scores import wilson
-    from fdd.cli.console import grid
-
-    rows = []
-    for family in sorted({x.family for x in logs}):
-        mine = [x.answer or "healthy" for x in logs if x.family == family]
-        answers = (f"{name.replace('_', ' ')} {n}" for name, n in Counter(mine).most_common())
-        rows.append([family.replace("_", " "), ", ".join(answers), wilson(mine.count(family), len(mine))])
-    whole = ("true", "right, 95 %")
-    return grid((whole[0], "answers", whole[1]), rows, whole=whole, title="Logs by true family and answer")

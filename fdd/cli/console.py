@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, OverflowMethod
 from rich.table import Table
 from rich.text import Text
 
@@ -33,11 +33,6 @@ def output() -> Console:
     return _Pipe(file=sys.stdout, highlight=False, emoji=False, markup=False)
 
 
-def messages() -> Console:
-    """Console on standard error, for progress and remarks."""
-    return Console(file=sys.stderr, highlight=False, emoji=False, markup=False)
-
-
 def remark(text: str) -> None:
     """One line on standard error that is no error."""
     print(f"fdd: {' '.join(text.split())}", file=sys.stderr)
@@ -45,17 +40,9 @@ def remark(text: str) -> None:
 
 @contextmanager
 def progress(title: str, total: float | None = None) -> Iterator[Advance]:
-    """Show progress on standard error where that is a terminal.
-
-    Parameters
-    ----------
-    total : of what the function given is told; None shows a spinner only.
-
-    Yields
-    ------
-    Function to call with how much is done in all.
-    """
-    console = messages()
+    """Show progress on standard error where that is a terminal; gives the function to call with how much is
+    done in all, of `total`. None shows a spinner only."""
+    console = Console(file=sys.stderr, highlight=False, emoji=False, markup=False)
     if not console.is_terminal:
         yield lambda done: None
         return
@@ -92,29 +79,17 @@ def grid(
     whole: Collection[str] = (),
     **shape: Any,
 ) -> Table:
-    """A table of plain text.
+    """A table of plain text, of that `shape` of rich's.
 
-    Parameters
-    ----------
-    numbers : columns that stand to the right. whole : those, beside them, that are never wrapped.
-    shape : of rich's table.
+    `numbers` are the columns that stand to the right, `whole` those beside them that are never wrapped.
     """
     table = Table(box=box.SIMPLE_HEAD, **shape)
     for name in columns:
-        right = name in numbers
-        tight = right or name in whole
+        tight = name in numbers or name in whole
+        overflow: OverflowMethod = "ellipsis" if tight else "fold"
         table.add_column(
-            name,
-            justify="right" if right else "left",
-            no_wrap=tight,
-            overflow="ellipsis" if tight else "fold",
+            name, justify="right" if name in numbers else "left", no_wrap=tight, overflow=overflow
         )
     for row in rows:
         table.add_row(*map(Text, row))
     return table
-
-
-def print_whole(console: Console, table: Table) -> None:
-    """Print a table whose words are never cut: a terminal that is too narrow breaks its lines itself."""
-    least = console.measure(table, options=console.options.update(max_width=1000)).minimum
-    console.print(table, width=max(least, console.width), crop=False)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fdd.cli import options
+from fdd.cli.failures import USAGE
 from fdd.cli.options import argument, option, require_outputs, write_json
 from fdd.errors import InputError
 from fdd.files import require_writable
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from fdd.offline.diagnoser import Diagnoser, Job
     from fdd.unit import Unit
 
-FAULT_STATUS, UNREADABLE_STATUS, INCONCLUSIVE_STATUS = 1, 2, 3
+FAULT_STATUS, INCONCLUSIVE_STATUS = 1, 3
 SAVE_EVERY_S = 5.0
 DEMO_LOG, DEMO_UNIT = "demo.mcap", "unit.yaml"
 
@@ -50,12 +51,9 @@ def diagnose(
     axis: options.AxisOption = None,
     prior: Annotated[
         float | None,
-        option(
-            "Share of such logs that is faulty, before they are looked at; the model's else (0.5 as "
-            "shipped). A fault is answered where it is then likelier than not, and one healthy log in fifty "
-            "at most would be.",
-            min=0.001, max=0.999,
-        ),
+        option("Share of such logs that is faulty, before they are looked at; the model's else (0.5 as "
+               "shipped). A fault is answered where it is then likelier than not, and one healthy log in "
+               "fifty at most would be.", min=0.001, max=0.999),
     ] = None,
     tracker: Annotated[
         list[str] | None,
@@ -100,9 +98,9 @@ def diagnose(
         elif len(jobs) > 1:
             if folder:
                 folder.begin()
-            todo, saved = [(k, job) for k, job in enumerate(jobs) if k not in answers], time.monotonic()
-            for k, answer in worked(todo, settings, workers, engine):
-                answers[k] = answer
+            todo, saved = [k for k in range(len(jobs)) if k not in answers], time.monotonic()
+            for place, answer in worked([jobs[k] for k in todo], settings, workers, engine):
+                answers[todo[place]] = answer
                 if folder and time.monotonic() - saved > SAVE_EVERY_S:
                     folder.write(jobs, answers, pages=False)
                     saved = time.monotonic()
@@ -115,9 +113,7 @@ def diagnose(
     if json_ is not None:
         plain = [json.loads(a.model_dump_json(by_alias=True)) for a in found]
         write_json(json_, json.dumps(plain[0] if len(plain) == 1 else plain, indent=2, ensure_ascii=False))
-    status = status_of(found) if exit_code else UNREADABLE_STATUS if any(a.error for a in found) else 0
-    if status:
-        raise typer.Exit(status)
+    raise typer.Exit(status_of(found) if exit_code else USAGE if any(a.error for a in found) else 0)
 
 
 def output_paths(pattern: str | None, logs: Sequence[Path], suffix: str, option: str) -> list[Path | None]:
@@ -127,10 +123,8 @@ def output_paths(pattern: str | None, logs: Sequence[Path], suffix: str, option:
     if Path(pattern).is_dir() or pattern.endswith("/"):
         pattern = str(Path(pattern) / f"{{log}}{suffix}")
     elif "{log}" not in pattern and len(logs) > 1:
-        raise InputError(
-            f"{option} {pattern}: one file for {len(logs)} logs",
-            mend=f"name a folder, or write {{log}} for the log's name: {option} '{{log}}{suffix}'",
-        )
+        mend = f"name a folder, or write {{log}} for the log's name: {option} '{{log}}{suffix}'"
+        raise InputError(f"{option} {pattern}: one file for {len(logs)} logs", mend=mend)
     paths = [Path(pattern.replace("{log}", log.stem)) for log in logs]
     if len(set(paths)) < len(paths):
         problem = f"{option} {pattern}: two logs would be written to one file"
@@ -143,14 +137,13 @@ def status_of(answers: Sequence[Diagnosis]) -> int:
     if any(a.verdict == "faulty" for a in answers):
         return FAULT_STATUS
     if any(a.error for a in answers):
-        return UNREADABLE_STATUS
+        return USAGE
     return INCONCLUSIVE_STATUS if any(a.verdict == "inconclusive" for a in answers) else 0
 
 
 def _jobs(
     logs: Sequence[Path], report: str | None, mcap: str | None, folder: AnswersFolder | None
 ) -> list[Job]:
-    """A job for each log, with what is written of it."""
     from fdd.cli.which_logs import file_names, names_of
     from fdd.offline.diagnoser import Job
 
@@ -168,7 +161,7 @@ def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> tupl
     with progress(f"reading {job.name}"):
         log = diagnoser.read(job)
     with progress(f"diagnosing {job.name}", max(len(log.samples), 1)) as advance:
-        found = diagnoser.diagnose(job, log, advance, keep_trajectories=job.shows_trajectories)
+        found = diagnoser.diagnose(job, log, advance, keep_trajectories=bool(job.outputs))
     if folder:
         folder.begin()
     diagnoser.write(job, found)

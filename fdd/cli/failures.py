@@ -11,6 +11,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from types import FrameType
 from typing import Any
 
@@ -22,8 +23,7 @@ from fdd.errors import InputError
 USAGE, INTERNAL, INTERRUPTED, BROKEN_PIPE, TERMINATED = 2, 70, 130, 141, 143
 
 # Typer exports this one subclass of its usage errors, whichever click it stands on.
-UsageError: type[Exception] = typer.BadParameter.__mro__[1]
-Abort: type[BaseException] = typer.Abort
+UsageError: Any = typer.BadParameter.__mro__[1]
 
 
 class Commands(TyperGroup):
@@ -48,8 +48,9 @@ class Commands(TyperGroup):
         except InputError as error:
             return _told(str(error), USAGE)
         except UsageError as error:
-            return _told(_usage_text(error), USAGE)
-        except (KeyboardInterrupt, Abort):
+            command = error.ctx.command_path if error.ctx else "fdd"
+            return _told(f"{error.format_message().rstrip('.')}; see {command} --help", USAGE)
+        except (KeyboardInterrupt, typer.Abort):
             return INTERRUPTED
         except BrokenPipeError:
             _silence_stdout()
@@ -59,14 +60,6 @@ class Commands(TyperGroup):
         except Exception as error:
             name = type(error).__name__
             return _internal(f"{name}: {error}" if str(error) else name)
-
-
-def _usage_text(error: Exception) -> str:
-    """The message and which help to read, in one line."""
-    message = getattr(error, "format_message", lambda: str(error))()
-    context = getattr(error, "ctx", None)
-    path = getattr(context, "command_path", None) or "fdd"
-    return f"{message.rstrip('.')}; see {path} --help"
 
 
 def _told(text: str, status: int, kind: str = "error") -> int:
@@ -95,9 +88,8 @@ def prepare_process() -> None:
     # Matrices here have some ten rows: a second thread only waits for the first, at a third of the time.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
-        reconfigure = getattr(stream, "reconfigure", None)
-        if reconfigure is not None:
-            reconfigure(errors="replace")
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
     if not os.environ.get("FDD_DEBUG"):
         warnings.simplefilter("ignore")
     signal.signal(signal.SIGTERM, _terminated)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fdd.cli import options
+from fdd.cli.failures import USAGE
 from fdd.cli.options import argument, option, require_outputs, require_packages, write_json
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text, written
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from fdd.offline.diagnoser import Settings
     from fdd.unit import Unit
 
-UNREADABLE_STATUS = 2
 ANSWERS_SUFFIX = ".jsonl"
 SINCE_S = {"h": 3600.0, "d": 86400.0, "w": 604800.0}
 Answered = tuple[list["Diagnosis"], "Unit | None"]
@@ -134,7 +134,7 @@ def trend(
         write_text(output_ / "index.html", render_sheet(sheet, alone=False))
     tell_sheet(told, sheet, json_, report)
     if any(a.error for a in answers):
-        raise typer.Exit(UNREADABLE_STATUS)
+        raise typer.Exit(USAGE)
 
 
 def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered, Each]:
@@ -174,7 +174,7 @@ def _of_logs(logs: list[Path], settings: Settings, workers: int | None, leave_ou
     paths = find_logs(logs, leave_out)
     jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
     diagnoser = Diagnoser(settings)
-    found = dict(worked(list(enumerate(jobs)), settings, workers))
+    found = dict(worked(jobs, settings, workers))
     answers, unit = [found[k] for k in sorted(found)], diagnoser.unit
     first = next((job for job, answer in zip(jobs, answers, strict=True) if answer.error is None), None)
     if unit is None and first is not None:

@@ -30,10 +30,8 @@ def identify(
     logs: Annotated[list[Path], argument("Logs of this unit while healthy.", "HEALTHY_LOG...")],
     out: Annotated[Path, option("Profile to write (YAML).", "--out", "-o")],
     base: Annotated[
-        str,
-        typer.Option(
-            help="Profile of a similar unit: a YAML file or a shipped one.", autocompletion=options.units
-        ),
+        str, typer.Option(help="Profile of a similar unit: a YAML file or a shipped one.",
+                          autocompletion=options.units)
     ] = "axis_a",
     map_: options.MapOption = None,
     axis: options.AxisOption = None,
@@ -44,7 +42,7 @@ def identify(
     accept: Annotated[bool, typer.Option(help="Write a profile that would be refused.")] = False,
     json_: options.JsonOption = None,
     verbose: Annotated[bool, typer.Option(help="Sensors and notes too.")] = False,
-) -> None:
+) -> None:  # fmt: skip
     """Identify a unit from its healthy logs, so that its own spread is no fault."""
     from fdd.cli.console import progress
     from fdd.identification.from_logs import identify_logs
@@ -58,17 +56,14 @@ def identify(
 
 
 def _print_result(made: Identified, out: Path, *, verbose: bool) -> None:
-    """The verdict, the table, and with `verbose` sensors and notes."""
     from fdd.cli.console import output
 
     found, judged, unit = made.found, made.judged, made.unit
     console = output()
-    wide = console.width >= WIDE
     console.print(judged.sentence + (" (accepted)" if judged.refusals else ""), soft_wrap=True)
-    console.print(_physics_table(found, sensors=verbose, notes=verbose and wide))
-    if verbose:
-        for note in found.notes:
-            console.print(f"• {note}")
+    console.print(_physics_table(found, sensors=verbose, notes=verbose and console.width >= WIDE))
+    for note in found.notes if verbose else ():
+        console.print(f"• {note}")
     for remark in judged.remarks:
         console.print(f"• {remark}", soft_wrap=True)
     seconds = 0.0 if unit.baseline is None else unit.baseline.seconds
@@ -96,7 +91,6 @@ def _as_data(made: Identified) -> dict[str, Any]:
 
 
 def _physics_table(found: Identification, *, sensors: bool, notes: bool) -> Table:
-    """Quantity, before, after, its 95 % uncertainty, unit, and a plain word."""
     from fdd.cli.console import NARROW, grid
     from fdd.identification.experiments.outcome import NORMAL_95, SHOWN
 
@@ -119,7 +113,6 @@ def _physics_table(found: Identification, *, sensors: bool, notes: bool) -> Tabl
 
 
 def _word(row: TableRow) -> str:
-    """Whether a number is this unit's own, and if not why."""
     if row.identified is not None:
         return "identified"
     return "kept, not measured" if "measured" in row.note else "kept, the logs do not excite it"
@@ -129,8 +122,7 @@ def experiment(
     kind: Annotated[Experiment, argument("What to find out.")],
     logs: Annotated[list[Path], argument("Logs of one unit.", "LOG...")],
     unit: Annotated[
-        str,
-        typer.Option("--unit", "--base", help="Profile to compare with: a YAML file or a shipped one."),
+        str, typer.Option("--unit", "--base", help="Profile to compare with: a YAML file or a shipped one.")
     ] = "axis_a",
     map_: options.MapOption = None,
     axis: options.AxisOption = None,
@@ -171,8 +163,7 @@ def experiment(
         "bulk-modulus": bulk_modulus,
     }  # fmt: skip
     with progress(f"{kind} of {len(logs)} logs"):
-        read = [read_log(path, map_, axis).samples for path in logs]
-        records = [even_record(log, profile, str(path)) for log, path in zip(read, logs, strict=True)]
+        records = [even_record(read_log(path, map_, axis).samples, profile, str(path)) for path in logs]
         found = kinds[kind](records, profile)
     names = [path.name for path in logs]
     data = {**found.as_data(), "logs": names, "unit": profile.name}

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from fdd.logs import Log
-    from fdd.monitor import Event, Status
+    from fdd.monitor import Event, Found, Noted, Status
 
 STATUS_S = 0.5
 SHORT = {
@@ -82,12 +82,12 @@ def monitor(
     shows_status = console.is_terminal and not json_
 
     def show(event: Event) -> None:
-        if json_:
-            print(json.dumps(event_data(event), ensure_ascii=False), flush=True)
-        elif isinstance(event, Status):
+        if isinstance(event, Status):
             live.update(status_line(event), refresh=True)
+        elif json_:
+            print(json.dumps(_data(event), ensure_ascii=False), flush=True)
         else:
-            for line in event_lines(event):
+            for line in _lines(event):
                 console.print(line, soft_wrap=True)
             sys.stdout.flush()
 
@@ -111,13 +111,7 @@ def monitor(
 
 
 def replay_speed(text: str) -> float | None:
-    """Times real time; None for ``max``.
-
-    Examples
-    --------
-    >>> replay_speed("2.5"), replay_speed("max")
-    (2.5, None)
-    """
+    """Times real time; None for ``max``."""
     if text == "max":
         return None
     try:
@@ -138,39 +132,29 @@ def _standard_input() -> Callable[[int], bytes]:
     return lambda most: os.read(number, most)
 
 
-def event_data(event: Event) -> dict[str, Any]:
-    """A finding or note as ``--json`` prints it."""
-    from fdd.monitor import Found, Noted
+def _data(event: Found | Noted) -> dict[str, Any]:
+    from fdd.monitor import Noted
 
-    if isinstance(event, Found):
-        return {"event": "finding", "time_s": event.time, **json.loads(event.finding.model_dump_json())}
-    assert isinstance(event, Noted)
-    return {"event": "note", "time_s": None if math.isnan(event.time) else event.time, "text": event.text}
+    if isinstance(event, Noted):
+        time = None if math.isnan(event.time) else event.time
+        return {"event": "note", "time_s": time, "text": event.text}
+    return {"event": "finding", "time_s": event.time, **json.loads(event.finding.model_dump_json())}
 
 
-def event_lines(event: Event) -> list[Text]:
-    """A finding or note for people."""
+def _lines(event: Found | Noted) -> list[Text]:
     from rich.text import Text
 
-    from fdd.monitor import Found, Noted
+    from fdd.monitor import Noted
     from fdd.report.words import finding_words
 
-    if isinstance(event, Found):
-        words = finding_words(event.finding)
-        lines = [Text(f"{stamp(event.time)} {words.headline}", style="bold red")]
-        return [*lines, Text(f"{' ' * 12} {words.alternatives}")] if words.alternatives else lines
-    assert isinstance(event, Noted)
-    return [Text(f"{stamp(event.time)} {event.text}", style="yellow")]
+    if isinstance(event, Noted):
+        return [Text(f"{_stamp(event.time)} {event.text}", style="yellow")]
+    words = finding_words(event.finding)
+    lines = [Text(f"{_stamp(event.time)} {words.headline}", style="bold red")]
+    return [*lines, Text(f"{' ' * 12} {words.alternatives}")] if words.alternatives else lines
 
 
-def stamp(time: float) -> str:
-    """Time of the stream, of one width.
-
-    Examples
-    --------
-    >>> stamp(34.5)
-    '[   34.50 s]'
-    """
+def _stamp(time: float) -> str:
     return "[      start]" if math.isnan(time) else f"[{time:8.2f} s]"
 
 
@@ -183,7 +167,7 @@ def status_line(status: Status) -> Text:
     from fdd.report.tables import with_std
     from fdd.report.words import family_title, percent
 
-    line = Text(f"{stamp(status.time)} ", no_wrap=True, overflow="ellipsis")
+    line = Text(f"{_stamp(status.time)} ", no_wrap=True, overflow="ellipsis")
     line.append(status.verdict, style=COLOURS[status.verdict])
     ordered = sorted(status.probabilities.items(), key=lambda item: -item[1])
     top = [(name, p) for k, (name, p) in enumerate(ordered[:2]) if k == 0 or p >= 0.05]

@@ -25,26 +25,14 @@ def argument(help: str, metavar: str | None = None) -> Any:
 
 
 def faults(incomplete: str) -> list[tuple[str, str]]:
-    """Ids of the catalogue's faults with their titles, as the shell offers them.
-
-    Examples
-    --------
-    >>> faults("aer")
-    [('aeration', 'air in the oil')]
-    """
+    """Ids of the catalogue's faults with their titles, as the shell offers them."""
     from fdd.faults import CATALOGUE
 
     return [(name, fault.title) for name, fault in CATALOGUE.items() if name.startswith(incomplete)]
 
 
 def units(incomplete: str) -> list[str]:
-    """Shipped profiles; where none fits the shell offers files.
-
-    Examples
-    --------
-    >>> units("axis_b")
-    ['axis_b']
-    """
+    """Shipped profiles; where none fits the shell offers files."""
     from importlib import resources
 
     names = (file.name.partition(".yaml")[0] for file in (resources.files("fdd") / "units").iterdir())
@@ -80,12 +68,11 @@ DatasetArgument = Annotated[Path, argument("Folder that fdd generate made.")]
 def require_outputs(json_: str | None, *files: Path | None, inputs: Iterable[Path] = ()) -> None:
     """Refuse outputs before minutes are spent on them."""
     read = {path.resolve() for path in inputs}
-    for path in (None if json_ in (None, "-") else Path(str(json_)), *files):
-        if path is not None:
-            require_writable(path)
-            if path.resolve() in read:
-                problem = "would be written over, it is a log to diagnose"
-                raise InputError(problem, where=path, mend="name another")
+    for path in filter(None, (None if json_ in (None, "-") else Path(str(json_)), *files)):
+        require_writable(path)
+        if path.resolve() in read:
+            problem = "would be written over, it is a log to diagnose"
+            raise InputError(problem, where=path, mend="name another")
 
 
 def write_json(target: str | None, text: str) -> None:
@@ -98,6 +85,6 @@ def write_json(target: str | None, text: str) -> None:
 
 def require_packages(extra: str, *names: str) -> None:
     """Refuse what an extra is missing for."""
-    missing = next((name for name in names if importlib.util.find_spec(name) is None), None)
-    if missing is not None:
-        raise InputError(f"needs the package {missing}", mend=f"install fdd[{extra}]")
+    for name in names:
+        if importlib.util.find_spec(name) is None:
+            raise InputError(f"needs the package {name}", mend=f"install fdd[{extra}]")

@@ -62,13 +62,11 @@ def check(
 
 
 def _asked_profile() -> tuple[Unit, list[Remark]]:
-    """Ask for the data sheet's numbers at a terminal, again where they cannot be."""
     from fdd.data_sheet.answers import QUESTIONS, Answers
 
     print("Write numbers with their unit, e.g. 26 MPa. Return takes what is assumed, where that is said.")
     given: dict[str, Any] = {"name": typer.prompt("Name of the profile", err=True)}
-    for question in QUESTIONS.values():
-        given[question.key] = _asked(question)
+    given |= {question.key: _asked(question) for question in QUESTIONS.values()}
     while True:
         try:
             unit, odd = _typed(Answers.of(given, "answers"))

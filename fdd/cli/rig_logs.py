@@ -35,14 +35,14 @@ def inspect(log: Annotated[Path, argument("A log of any format.", "LOG")]) -> No
     console = output()
     kind = format_of(log).name
     console.print(f"{log.name}: {kind}, {len(views)} signals, {log.stat().st_size / 1e6:.3g} MB")
-    console.print(inspection_table(views, wide=console.width >= WIDE))
+    console.print(_inspection_table(views, wide=console.width >= WIDE))
     for note in opened.notes:
         console.print(f"• {note}")
     if opened.truncated:
         console.print("• the file ends before its data does")
 
 
-def inspection_table(views: list[SignalView], *, wide: bool) -> Table:
+def _inspection_table(views: list[SignalView], *, wide: bool) -> Table:
     """A row a signal, below its topic or group; in a narrow window without what matters less."""
     import math
 
@@ -67,25 +67,21 @@ def inspection_table(views: list[SignalView], *, wide: bool) -> Table:
             rows.append([topic])
         name = f"  {name}" if topic else name
         if v.problem:
-            blank = [""] * len(numbers)
-            rows.append([name, v.unit, *blank, v.problem[:40]])
+            rows.append([name, v.unit, *[""] * len(numbers), v.problem[:40]])
             continue
         more = (str(v.rows), number(v.longest_gap, 3), number(v.middle)) if wide else ()
         figures = (number(v.rate), str(v.missing or ""), number(v.low), number(v.high), *more)
         rows.append([name, v.unit, *figures, picture(v.values, 32 if wide else 12)])
     columns = ("signal", "unit", *numbers, "course")
     filled = [k for k in range(len(columns)) if k == 0 or any(row[k] for row in rows if len(row) > 1)]
-    shown = [columns[k] for k in filled]
-    table = grid(shown, numbers=numbers, whole=("unit", "course"))
+    table = grid((columns[k] for k in filled), numbers=numbers, whole=("unit", "course"))
     for row in rows:
         table.add_row(*(Text(row[k]) for k in filled if k < len(row)), style="bold" if len(row) == 1 else "")
     return table
 
 
 def map(
-    logs: Annotated[
-        list[Path], argument("Logs of one rig, of any format; the first is looked at.", "LOG...")
-    ],
+    logs: Annotated[list[Path], argument("Logs of a rig, of any format; the first is looked at.", "LOG...")],
     out: Annotated[Path, option("Map to write (YAML).", "--out", "-o")],
     name: Annotated[str | None, option("Name of the rig; the file's else.")] = None,
     axis: Annotated[str | None, option("Name of the axis in answers.")] = None,
@@ -115,11 +111,8 @@ def map(
     console = output()
     if found.questions and not yes and not sys.stdin.isatty():
         asked = (f"{q.text} Likeliest: {', or else '.join(q.options)}" for q in found.questions)
-        raise InputError(
-            ". ".join(asked),
-            where=logs[0],
-            mend=f"answer with {' '.join(q.hint for q in found.questions)}, or --yes",
-        )
+        mend = f"answer with {' '.join(q.hint for q in found.questions)}, or --yes"
+        raise InputError(". ".join(asked), where=logs[0], mend=mend)
     for question in list(found.questions):
         if yes:
             found.assume(question)
@@ -129,20 +122,19 @@ def map(
     channel_map = ChannelMap.from_yaml(text)  # what is written is what is read
     read = [read_log(path, channel_map) for path in logs]
     write_text(out, text)
-    console.print(proposal_table(found))
+    console.print(_proposal_table(found))
     for line in (*found.notes, *balance_words(read[0].samples)):
         console.print(f"• {line}")
     if found.unused:
         console.print(f"• not used: {', '.join(found.unused[:20])}")
     for log_read in read[1:]:
-        wrong = [w for w in balance_words(log_read.samples) if "wrong way" in w or "not how" in w]
-        for line in wrong:
-            remark(f"{log_read.name}: {line}")
+        for line in balance_words(log_read.samples):
+            if "wrong way" in line or "not how" in line:
+                remark(f"{log_read.name}: {line}")
     console.print(f"Map of {len(found.rows)} channels written to {out}")
 
 
-def proposal_table(found: Proposal) -> Table:
-    """Channel, signal, unit, sign and scale, how sure, and why."""
+def _proposal_table(found: Proposal) -> Table:
     from fdd.cli.console import grid
     from fdd.samples import CHANNELS
 
@@ -159,13 +151,8 @@ def proposal_table(found: Proposal) -> Table:
 
 
 def _answered(question: Question) -> str:
-    from fdd.cli.console import messages
-
     options = list(question.options)
-    console = messages()
-    console.print(question.text)
-    for k, likely in enumerate(options, 1):
-        console.print(f"  {k}  {likely}")
-    console.print(f"or start again with {question.hint}")
+    listed = [f"  {k}  {likely}" for k, likely in enumerate(options, 1)]
+    typer.echo("\n".join([question.text, *listed, f"or start again with {question.hint}"]), err=True)
     chosen = typer.prompt("Number", default=1, type=int, err=True)
     return options[min(max(int(chosen), 1), len(options)) - 1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from importlib import import_module
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fdd.cli.options import argument
 
@@ -23,15 +23,8 @@ ANSWERS = ("diagnosis", "comparison", "trend")
 
 def schema(kind: Annotated[Kind, argument("Of what.")]) -> None:
     """Print the JSON Schema of an answer, a comparison, a trend, a map, a profile, a recipe or serve.yaml."""
-    print(json.dumps(schema_of(kind), indent=2, ensure_ascii=False))
-
-
-def schema_of(kind: Kind) -> dict[str, Any]:
-    """A JSON Schema (draft 2020-12), for checking files in editors and answers in other programs.
-
-    It knows types, names and ranges of single values; what values must be to each other only fdd tells.
-    YAML is meant as version 1.2 reads it, where ``2e8`` is a number.
-    """
+    # It knows types, names and ranges of single values; what values must be to each other only fdd tells.
+    # YAML is meant as version 1.2 reads it, where ``2e8`` is a number.
     from fdd.samples import CHANNELS
 
     module, name = MODELS[kind].split(":")
@@ -46,4 +39,5 @@ def schema_of(kind: Kind) -> dict[str, Any]:
     # What the models' docstrings say is for Python.
     made.pop("description", None)
     title = made["properties"]["schema"]["const"]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": title}
+    told = {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": title}
+    print(json.dumps(told, indent=2, ensure_ascii=False))

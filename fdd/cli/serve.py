@@ -6,11 +6,10 @@ import heapq
 import logging
 import math
 import sys
-import tempfile
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 from urllib.parse import urlsplit
 
@@ -25,8 +24,6 @@ from fdd.errors import InputError
 if TYPE_CHECKING:
     from fdd.service.config import Serve
     from fdd.service.config_sources import Broker
-
-DEMO = "fdd-demo-"
 
 
 def serve(
@@ -55,7 +52,10 @@ def serve(
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr)
     logging.getLogger("numexpr").setLevel(logging.WARNING)  # which tells its threads
     with ExitStack() as kept:
-        settings = _demo(kept.enter_context(_demo_folder())) if config is None else Serve.load(config)
+        if config is None:
+            settings = _demo(Path(kept.enter_context(TemporaryDirectory(prefix="fdd-demo-"))))
+        else:
+            settings = Serve.load(config)
         if port is not None:
             listen = settings.listen.model_copy(update={"port": port})
             settings = settings.model_copy(update={"listen": listen})
@@ -64,8 +64,7 @@ def serve(
             many = "1 source" if len(settings.sources) == 1 else f"{len(settings.sources)} sources"
             print(f"{config or 'demo'}: {many}, store {settings.store_url}")
             return
-        service = Service(settings)
-        stop = threading.Event()
+        service, stop = Service(settings), threading.Event()
         with stopped_by_signals(stop):
             service.run(
                 stop, lambda: print(f"Watching. Page: {service.address}  (Ctrl-C ends it)", flush=True)
@@ -77,27 +76,11 @@ def _make_token(text: str) -> None:
 
     name, colon, role = text.partition(":")
     if not colon or not name or role not in ROLES:
-        raise InputError(
-            f"--token {text!r} is no name and role", mend=f"write NAME:ROLE of {', '.join(ROLES)}"
-        )
+        mend = f"write NAME:ROLE of {', '.join(ROLES)}"
+        raise InputError(f"--token {text!r} is no name and role", mend=mend)
     secret, line = new_token(name, role)
     print(f"Token (shown this once): {secret}")
     print(f"Line for the file of tokens: {line}")
-
-
-@contextmanager
-def _demo_folder() -> Iterator[Path]:
-    """A temporary folder, locked while it is used; those that a killed demo has left are removed."""
-    import fcntl
-    import shutil
-
-    for left in Path(tempfile.gettempdir()).glob(f"{DEMO}*/.lock"):
-        with suppress(OSError), left.open("wb") as lock:  # OSError: another user's, or one that is used
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(left.parent, ignore_errors=True)
-    with tempfile.TemporaryDirectory(prefix=DEMO) as folder, (Path(folder) / ".lock").open("wb") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield Path(folder)
 
 
 def _demo(folder: Path) -> Serve:
@@ -115,14 +98,13 @@ def _demo(folder: Path) -> Serve:
     profile.write_text((resources.files("fdd") / "demo" / "unit.yaml").read_text("utf-8"), "utf-8")
     unit = Unit.load(profile)
     leak = {"fault": "internal_leakage", "severity": 0.5, "onset": 30.0}
-    names = ("elevator-left", "elevator-right", "rudder")
+    text = f"schema: fdd.serve/1\nfallback: {profile}\nsources:\n- type: replay\n  logs:\n"
     with progress("simulating three axes"):
-        for seed, name in enumerate(names, 11):
+        for seed, name in enumerate(("elevator-left", "elevator-right", "rudder"), 11):
             faults = [leak] if name == "elevator-right" else []
             scenario = Scenario(duration=600.0, duty={"name": "flight"}, faults=faults, seed=seed)
             write_parquet(folder / f"{name}.parquet", simulate(unit, scenario).samples)
-    logs = "\n".join(f"    {name}: {name}.parquet" for name in names)
-    text = f"schema: fdd.serve/1\nfallback: {profile}\nsources:\n- type: replay\n  logs:\n{logs}\n"
+            text += f"    {name}: {name}.parquet\n"
     return Serve.from_yaml(text, where="demo", folder=folder)
 
 
@@ -176,16 +158,7 @@ def publish(
 
 
 def broker_of(url: str, password_file: Path | None, ca: Path | None) -> Broker:
-    """The broker that a URL names.
-
-    Examples
-    --------
-    >>> broker = broker_of("mqtts://ann@broker.example.org", None, None)
-    >>> broker.user, broker.host, broker.chosen_port
-    ('ann', 'broker.example.org', 8883)
-    """
-    from pydantic import ValidationError
-
+    """The broker that a URL names."""
     from fdd.service.config_sources import Broker, ClientTls
 
     try:
@@ -196,7 +169,6 @@ def broker_of(url: str, password_file: Path | None, ca: Path | None) -> Broker:
             host=parts.hostname, port=parts.port, user=parts.username, password_file=password_file,
             tls=ClientTls(ca=ca) if parts.scheme == "mqtts" else None,
         )  # fmt: skip
-    except (ValueError, ValidationError):
-        raise InputError(
-            "--mqtt is no URL of a broker", mend="write mqtt://[USER@]HOST[:PORT], or mqtts:// with TLS"
-        ) from None
+    except ValueError:  # pydantic's too
+        mend = "write mqtt://[USER@]HOST[:PORT], or mqtts:// with TLS"
+        raise InputError("--mqtt is no URL of a broker", mend=mend) from None

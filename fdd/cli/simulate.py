@@ -11,7 +11,7 @@ from fdd.cli.options import faults, option, units
 from fdd.errors import InputError
 
 Data = dict[str, Any]
-RIG, CONDITIONS, RECORDING = "Load, control and circuit", "Conditions", "Recording"
+RIG = "Load, control and circuit"
 CONNECT = {"connect_1": "line_1", "connect_2": "line_2", "connect_flow": "flow"}
 """Names of the connect valves on the command line, and in a scenario."""
 WIDTH_IN_A_FILE = 160
@@ -19,7 +19,6 @@ WIDTH_IN_A_FILE = 160
 
 
 def _list_faults(wanted: bool) -> None:
-    """The catalogue: id, family, what the plant does, severity 1.0, variants and sides; below it each law."""
     if not wanted:
         return
     from rich.text import Text
@@ -94,21 +93,9 @@ def simulate(
                rich_help_panel=RIG),
     ] = None,
     temperature: Annotated[
-        float | None,
-        option("Oil temperature at the start, °C.", show_default="40", rich_help_panel=CONDITIONS),
+        float | None, option("Oil temperature at the start, °C.", show_default="40")
     ] = None,
-    warming: Annotated[
-        float | None, option("Warming of the oil, °C/s.", show_default="0", rich_help_panel=CONDITIONS)
-    ] = None,
-    load_force: Annotated[
-        bool, option("Measure the load force as well.", "--load-force", rich_help_panel=RECORDING)
-    ] = False,
-    perfect: Annotated[
-        bool, option("No dropped, late or missing samples.", "--perfect", rich_help_panel=RECORDING)
-    ] = False,
-    truth: Annotated[
-        bool, typer.Option(help="Write the truth beside the measurement (MCAP).", rich_help_panel=RECORDING)
-    ] = True,
+    truth: Annotated[bool, typer.Option(help="Write the truth beside the measurement (MCAP).")] = True,
     list_faults: Annotated[
         bool,
         option("Show the fault catalogue and stop.", "--list-faults", callback=_list_faults, is_eager=True),
@@ -129,9 +116,7 @@ def simulate(
     from fdd.unit import Unit
 
     data: Data = {} if scenario is None else scenario_data(scenario)
-    plain = {
-        "unit": unit, "duration": duration, "seed": seed, "oil_temperature": temperature, "warming": warming,
-    }  # fmt: skip
+    plain = {"unit": unit, "duration": duration, "seed": seed, "oil_temperature": temperature}
     data.update({name: value for name, value in plain.items() if value is not None})
     _set_motion(data, profile, load, control)
     if fault:
@@ -140,10 +125,6 @@ def simulate(
         _set_partner(data, partner)
     for text in valve or []:
         _set_valve(data, text)
-    if load_force:
-        _section(data, "recording")["load_force"] = True
-    if perfect:
-        _section(data, "recording").update(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0)
     machine = Unit.load(str(data.get("unit", "axis_a")))
     if data.get("duty") is None:  # nothing was asked for: steps that any stroke holds
         data["duty"] = Steps(amplitude=min(Steps().amplitude, 0.3 * machine.cylinder.stroke)).model_dump()
@@ -172,7 +153,6 @@ def _section(data: Data, *names: str) -> Data:
 
 
 def _set_motion(data: Data, profile: str | None, load: str | None, control: str | None) -> None:
-    """Take ``--profile``, ``--load`` and ``--control``, where they are given."""
     from fdd.plant.duty import DUTIES
     from fdd.plant.load import LOADS
     from fdd.plant.validated import named, named_parameters
@@ -190,27 +170,18 @@ def _set_motion(data: Data, profile: str | None, load: str | None, control: str 
 
 
 def _set_partner(data: Data, text: str) -> None:
-    """Take ``--partner UNIT:drive=still,power=0``."""
-    from fdd.plant.scenario import Partner
     from fdd.plant.validated import named_parameters
 
     name, parameters = named_parameters(text, "--partner")
-    known = [field for field in Partner.model_fields if field not in ("unit", "circuit", "duty")]
-    for key in parameters:
-        if key not in known:
-            raise InputError(
-                f"--partner {text}: unknown parameter {key}",
-                mend=f"use {' or '.join(known)}; its valves are --valve b.NAME=OPENING",
-            )
+    if odd := parameters.keys() - {"drive", "power"}:
+        mend = "use drive or power; its valves are --valve b.NAME=OPENING"
+        raise InputError(f"--partner {text}: unknown parameter {min(odd)}", mend=mend)
     _section(data, "partner").update({"unit": name, **parameters})
 
 
 def _set_valve(data: Data, text: str) -> None:
-    """Take ``--valve connect_1=1``, ``--valve throttle=0:0/5:1`` or ``--valve b.throttle=0.5``.
-
-    ``b.`` is the partner; nothing, or ``a.``, the first axis. Besides openings the other numbers of a
-    circuit are taken as well, and those of its external accumulators, which connects them.
-    """
+    """Take ``--valve connect_1=1``, ``throttle=0:0/5:1`` or, of the partner, ``b.throttle=0.5``; and
+    the other numbers of a circuit, and those of its external accumulators, which connects them."""
     from fdd.plant.circuit import Circuit, ExternalAccumulators
 
     where = f"--valve {text}"

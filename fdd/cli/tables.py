@@ -12,7 +12,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from fdd.cli.console import NARROW, grid, output, print_whole
+from fdd.cli.console import NARROW, grid, output
 from fdd.cli.options import write_json
 from fdd.files import write_text
 from fdd.report import tables
@@ -57,18 +57,13 @@ def diagnosis_view(diagnosis: Diagnosis, unit: Unit | None = None) -> Renderable
 
 
 def _finding(finding: FindingWords, *, named: bool) -> Text:
+    rest = (finding.detection, finding.place, finding.alternatives, finding.severity)
+    lines = [*(f"• {sentence}" for sentence in finding.evidence), " ".join(filter(None, rest))]
+    lines += [finding.check] if finding.check else []
     text = Text()
     if named:
         text.append(f"{finding.headline}\n", style="bold")
-    for sentence in finding.evidence:
-        text.append(f"• {sentence}\n")
-    rest = " ".join(
-        s for s in (finding.detection, finding.place, finding.alternatives, finding.severity) if s
-    )
-    text.append(f"{rest}\n")
-    if finding.check:
-        text.append(f"{finding.check}\n")
-    return text
+    return text.append("".join(f"{line}\n" for line in lines))
 
 
 def _estimates(diagnosis: Diagnosis) -> Table:
@@ -88,10 +83,9 @@ def _quality(diagnosis: Diagnosis) -> Text:
         f"values, {q.time_jumps} jumps in time"
     )
     untrusted = "; ".join(f"{name}: {state}" for name, state in tables.sensor_rows(diagnosis))
-    if untrusted:
-        text.append(f"\n• sensors not trusted: {untrusted}", style="yellow")
-    for note in q.notes:
-        text.append(f"\n• {note}", style="yellow")
+    for note in (f"sensors not trusted: {untrusted}" if untrusted else "", *q.notes):
+        if note:
+            text.append(f"\n• {note}", style="yellow")
     return text
 
 
@@ -129,6 +123,7 @@ def print_sheet(sheet: Sheet, console: Console | None = None) -> None:
         for place, row in enumerate(table.rows):
             made.add_row(*(Text(row[k]) for k in told), style="bold" if place in table.marked else "")
         made.title, made.title_justify, made.title_style = Text(table.title), "left", "bold"
-        print_whole(console, made)
+        least = console.measure(made, options=console.options.update(max_width=1000)).minimum
+        console.print(made, width=max(least, console.width), crop=False)
         if table.note:
             console.print(Text(f"  {table.note}\n", style="dim"))

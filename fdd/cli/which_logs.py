@@ -7,6 +7,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import chain, count
 from pathlib import Path
 
 from fdd.errors import InputError
@@ -33,14 +34,11 @@ def find_logs(given: Sequence[Path], leave_out: Path | None = None) -> list[Path
 
 def names_of(logs: Sequence[Path]) -> list[str]:
     """What each log is called: its file name; with folders where two would have the same."""
-    count = Counter(log.name for log in logs)
-    twins = [log.absolute().parent for log in logs if count[log.name] > 1]
-    try:
-        common = os.path.commonpath(twins) if twins else ""
-    except ValueError:  # on several drives
-        common = "/"
+    times = Counter(log.name for log in logs)
+    twins = [log.absolute().parent for log in logs if times[log.name] > 1]
+    common = os.path.commonpath(twins) if twins else ""
     return [
-        Path(os.path.relpath(log, common)).as_posix() if count[log.name] > 1 else log.name for log in logs
+        Path(os.path.relpath(log, common)).as_posix() if times[log.name] > 1 else log.name for log in logs
     ]
 
 
@@ -49,13 +47,10 @@ def file_names(names: Sequence[str]) -> list[str]:
     taken: set[str] = set()
     out = []
     for name in names:
-        plain = base = re.sub(r'[/\\:*?"<>|\x00-\x1f]', "-", name)
-        number = 1
-        while plain.lower() in taken:
-            number += 1
-            plain = f"{base}-{number}"
-        taken.add(plain.lower())
-        out.append(plain)
+        base = re.sub(r'[/\\:*?"<>|\x00-\x1f]', "-", name)
+        tries = chain([base], (f"{base}-{number}" for number in count(2)))
+        out.append(next(plain for plain in tries if plain.lower() not in taken))
+        taken.add(out[-1].lower())
     return out
 
 
@@ -64,9 +59,8 @@ def _listed(argument: Path) -> Iterator[Path]:
     try:
         text = path.read_text(encoding="utf-8-sig", errors="surrogateescape")
     except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror or error})", where=path, mend="give a text file, one log a line"
-        ) from None
+        problem = f"cannot be read ({error.strerror or error})"
+        raise InputError(problem, where=path, mend="give a text file, one log a line") from None
     lines = [line.strip() for line in text.splitlines()]
     wanted = [Path(line) for line in lines if line and not line.startswith("#")]
     if not wanted:
@@ -76,13 +70,10 @@ def _listed(argument: Path) -> Iterator[Path]:
 
 def _logs_of(path: Path, leave_out: Path | None) -> list[Path]:
     if path.is_dir():
-        logs = _below(path, leave_out)
-        if not logs:
-            raise InputError(
-                "no log below this folder", where=path,
-                mend=f"logs are taken by their suffix: {' '.join(suffixes())}",
-            )  # fmt: skip
-        return logs
+        if logs := _below(path, leave_out):
+            return logs
+        mend = f"logs are taken by their suffix: {' '.join(suffixes())}"
+        raise InputError("no log below this folder", where=path, mend=mend)
     if path.exists() or not glob.has_magic(str(path)):
         return [path]
     matching = [Path(match) for match in sorted(glob.glob(str(path), recursive=True))]  # noqa: PTH207

@@ -43,15 +43,11 @@ class Diagnosed:
 
 @dataclass(frozen=True)
 class Settings:
-    """What all logs are diagnosed with: named, as on the command line, or at hand.
+    """What all logs are diagnosed with: named, as on the command line, or at hand, as `diagnose` takes them.
 
     Attributes
     ----------
-    unit : profile; None takes the one that each log carries, else a shipped one.
-    map : channel map. model : learnt layer; None takes the shipped one.
-    axis : of a file with several. trackers : of installed packages, that run beside ours.
-    classifier : file of one that is asked, too. prior : share of such logs that is faulty; None
-        takes the model's.
+    classifier : file of one that is asked, too. prior : share of such logs that is faulty; None: the model's.
     """
 
     unit: Unit | str | Path | None = None
@@ -63,12 +59,7 @@ class Settings:
     prior: float | None = None
 
     def load_unit(self) -> Unit | None:
-        """The profile, where one is given.
-
-        Raises
-        ------
-        InputError : it cannot be used.
-        """
+        """The profile, where one is given; an InputError where it cannot be used."""
         return self.unit if isinstance(self.unit, Unit | None) else Unit.load(self.unit)
 
 
@@ -89,17 +80,13 @@ class Job:
     mcap: Path | None = None
 
     @property
-    def shows_trajectories(self) -> bool:
-        """Whether any of its outputs does."""
-        return any(path is not None for path in (self.report, self.page, self.mcap))
+    def outputs(self) -> list[Path]:
+        """What is written of it; all of them show trajectories."""
+        return [path for path in (self.report, self.page, self.mcap) if path is not None]
 
 
 class Diagnoser:
     """Model, channel map and profile, read once for all logs.
-
-    Parameters
-    ----------
-    settings : which.
 
     Raises
     ------
@@ -128,32 +115,18 @@ class Diagnoser:
             self._shared["classifier"] = sha256_of(settings.classifier)
 
     def hashes(self, path: Path) -> dict[str, str]:
-        """SHA-256 of what a log's answer depends on, as the answer tells it.
-
-        Raises
-        ------
-        InputError : the log cannot be read.
-        """
+        """SHA-256 of what a log's answer depends on, as the answer tells it; an InputError where it cannot
+        be read."""
         return {"log": sha256_of(path), **self._shared, "model": self.model.sha256}
 
     def read(self, job: Job) -> Log:
-        """The job's log.
-
-        Raises
-        ------
-        InputError : it cannot be used.
-        """
+        """The job's log; an InputError where it cannot be used."""
         return logs.read_log(job.path, self.map, self.settings.axis)
 
     def diagnose(
         self, job: Job, log: Log, advance: Advance = lambda done: None, *, keep_trajectories: bool = True
     ) -> Diagnosed:
-        """Diagnose the job's log; see `answer`.
-
-        Raises
-        ------
-        InputError : its channels do not suffice, or the profile in it cannot be used.
-        """
+        """Diagnose the job's log; see `answer`."""
         found = self.answer(log, job.name, str(job.path), advance, keep_trajectories=keep_trajectories)
         found.diagnosis.sha256 = self.hashes(job.path)
         return found
@@ -162,11 +135,12 @@ class Diagnoser:
         self, log: Log, name: str, where: str, advance: Advance = lambda done: None, *,
         keep_trajectories: bool = True,
     ) -> Diagnosed:  # fmt: skip
-        """Diagnose a log that need not be a file; see `diagnose_log`.
+        """Diagnose a log that need not be a file.
 
         Parameters
         ----------
-        name : of the log in its answer. where : what errors call it.
+        name : of the log in its answer. where : what errors of scale call it. advance : told how many samples
+            are done. keep_trajectories : for outputs that show them; they take a third of the log's memory.
 
         Raises
         ------
@@ -174,26 +148,31 @@ class Diagnoser:
         """
         unit, note = (self.unit, None) if self.unit is not None else unit_of(log, None)
         notes = (*((note,) if note else ()), *check_scales(log.samples, unit, where))
-        found = diagnose_log(
-            log, unit, self.model, name, notes, advance, keep_trajectories, self.settings.trackers
-        )
+        pipeline = Pipeline(
+            unit, self.model, axis=log.axis or unit.axis, log=printable(name),
+            keep_trajectories=keep_trajectories, trackers=self.settings.trackers,
+        )  # fmt: skip
+        try:
+            done = 0
+            for block in log.samples.blocks(BLOCK_ROWS):
+                pipeline.push(block)
+                done += len(block)
+                advance(done)
+            diagnosis = pipeline.finish(quality_of(log.quality, notes))
+        except InputError as error:
+            raise error.at(name) from None
+        if log.start_ns > 0:
+            diagnosis.started_at = utc(log.start_ns)
         if self.classifier is not None:
             from fdd.learning.stored import opinion
 
             file = Path(str(self.settings.classifier)).name
-            found.diagnosis.second_opinion = opinion(
-                self.classifier, file, found.pipeline, found.diagnosis, log.samples
-            )
-        found.diagnosis.sha256 = {**self._shared, "model": self.model.sha256}
-        return found
+            diagnosis.second_opinion = opinion(self.classifier, file, pipeline, diagnosis, log.samples)
+        diagnosis.sha256 = {**self._shared, "model": self.model.sha256}
+        return Diagnosed(log, unit, diagnosis, pipeline)
 
     def write(self, job: Job, found: Diagnosed) -> None:
-        """Write what is wanted of a log.
-
-        Raises
-        ------
-        InputError : it cannot be written.
-        """
+        """Write what is wanted of a log; an InputError where that cannot be."""
         diagnosis, samples = found.diagnosis, found.log.samples
         for path, alone in ((job.report, True), (job.page, False)):
             if path is not None:
@@ -213,54 +192,9 @@ class Diagnoser:
             )  # fmt: skip
 
 
-def diagnose_log(
-    log: Log, unit: Unit, model: Model, name: str, notes: tuple[str, ...] = (),
-    advance: Advance = lambda done: None, keep_trajectories: bool = True, trackers: tuple[str, ...] = (),
-) -> Diagnosed:  # fmt: skip
-    """Diagnose one log.
-
-    Parameters
-    ----------
-    name : of the log in the answer.
-    notes : for the answer's quality, beside the reader's.
-    advance : told how many samples are done.
-    keep_trajectories : for outputs that show them; they take a third of the memory of the log.
-    trackers : of installed packages, that run beside ours.
-
-    Raises
-    ------
-    InputError : its channels do not suffice.
-    """
-    pipeline = Pipeline(
-        unit, model, axis=log.axis or unit.axis, log=printable(name), keep_trajectories=keep_trajectories,
-        trackers=trackers,
-    )  # fmt: skip
-    try:
-        done = 0
-        for block in log.samples.blocks(BLOCK_ROWS):
-            pipeline.push(block)
-            done += len(block)
-            advance(done)
-        diagnosis = pipeline.finish(quality_of(log.quality, notes))
-    except InputError as error:
-        raise error.at(name) from None
-    if log.start_ns > 0:
-        diagnosis.started_at = utc(log.start_ns)
-    return Diagnosed(log, unit, diagnosis, pipeline)
-
-
 def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
-    """The profile to diagnose with, and a note where nobody chose it.
-
-    Parameters
-    ----------
-    log : its metadata may carry the profile of the unit that it was recorded on.
-    given : name or path on the command line; goes first.
-
-    Raises
-    ------
-    InputError : no such profile, or an unusable one.
-    """
+    """The profile to diagnose with (`given` by name or path, else the one in the log's metadata), and a note
+    where nobody chose it; an InputError where there is no such profile, or an unusable one."""
     if given is not None:
         return Unit.load(given), None
     text = None if log is None else log.metadata.get("unit", {}).get("yaml")
@@ -298,13 +232,7 @@ def printable(name: str) -> str:
 
 
 def utc(ns: int) -> str:
-    """Nanoseconds since 1970 as ISO 8601, no digit lost and none added.
-
-    Examples
-    --------
-    >>> utc(1_700_000_000_000_000_000), utc(1_700_000_000_120_000_007)
-    ('2023-11-14T22:13:20Z', '2023-11-14T22:13:20.120000007Z')
-    """
+    """Nanoseconds since 1970 as ISO 8601, no digit lost and none added."""
     seconds, rest = divmod(ns, 1_000_000_000)
     fraction = f".{rest:09d}".rstrip("0").rstrip(".")
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}{fraction}Z"

@@ -22,10 +22,8 @@ def decimate(time: Column, values: Column, buckets: int = BUCKETS) -> tuple[Colu
 
     Parameters
     ----------
-    time : (n,) increasing.
-    values : (n,), NaN where missing.
-    buckets : number of buckets of equal length; at most `KEPT_PER_BUCKET` points
-        are kept of each, four where nothing is missing.
+    time : (n,) increasing. values : (n,), NaN where missing.
+    buckets : of equal length; at most `KEPT_PER_BUCKET` points are kept of each, four where none is missing.
 
     Returns
     -------
@@ -40,8 +38,6 @@ def decimate(time: Column, values: Column, buckets: int = BUCKETS) -> tuple[Colu
     (True, np.float64(1.0), 4.321)
     """
     n = values.size
-    if buckets < 1:
-        raise ValueError(f"buckets must be positive, not {buckets}")
     if n <= 4 * buckets:
         return time, values
     size = -(-n // buckets)
@@ -64,16 +60,8 @@ def decimate(time: Column, values: Column, buckets: int = BUCKETS) -> tuple[Colu
 def envelope(
     time: Column, low: Column, high: Column, buckets: int = BUCKETS
 ) -> tuple[Column, Column, Column]:
-    """Bucket-wise outline of a band: lowest `low` and highest `high`, at the buckets' mid times.
-
-    Parameters
-    ----------
-    time, low, high : (n,), NaN where there is no band.
-
-    Returns
-    -------
-    time, low, high : (k,) with k at most `buckets`; NaN where a bucket has no band at all.
-    """
+    """Bucket-wise outline of a band (n,), NaN where there is none: lowest `low` and highest `high` at the mid
+    times of at most so many `buckets`; NaN where a bucket has no band at all."""
     n = time.size
     if n <= buckets:
         return time, low, high
@@ -116,12 +104,7 @@ def break_at_gaps(time: Column, values: Column) -> tuple[Column, Column]:
 
 
 def intervals(time: Column, mask: NDArray[np.bool_], at_most: int = 150) -> list[tuple[float, float]]:
-    """Stretches of time where `mask` holds, close neighbours joined until they are few.
-
-    Parameters
-    ----------
-    time, mask : (n,)
-    at_most : bound on what is returned.
+    """Stretches of `time` (n,) where `mask` (n,) holds, close neighbours joined until there are so few.
 
     Examples
     --------

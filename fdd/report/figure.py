@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from itertools import cycle
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Trajectories
-from fdd.pictures import STYLE, require_matplotlib
+from fdd.errors import InputError
 from fdd.report.decimate import break_at_gaps, decimate, envelope, intervals
 from fdd.report.plots import ESTIMATOR_TITLES, MEASURED, y_range
 from fdd.report.traces import BLUE, GREEN, GREY, LINE_COLOURS, ORANGE, SKY, VERMILLION
@@ -31,6 +32,19 @@ SEVERAL = 10.0
 """Times the threshold from which on the statistic has a logarithmic axis."""
 TITLE_WIDTH = 85
 """Characters in a line of the title."""
+STYLE = {
+    "font.size": 10, "axes.grid": True, "grid.color": "0.9", "axes.axisbelow": True, "axes.spines.top": False,
+    "axes.spines.right": False, "legend.frameon": True, "legend.edgecolor": "none", "legend.framealpha": 0.9,
+    "legend.fontsize": 9, "lines.markersize": 5,
+}  # fmt: skip
+"""Of all pictures, for `matplotlib.rc_context`."""
+
+
+def require_matplotlib() -> None:
+    """Refuse where matplotlib, an extra of the package, is missing, and say what to install."""
+    if find_spec("matplotlib") is None:
+        problem = "matplotlib, which draws the pictures, is not installed"
+        raise InputError(problem, mend="install fdd[reports]")
 
 
 def draw_diagnosis(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples) -> Figure:
@@ -95,7 +109,7 @@ def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajecto
     scale, time, seen = DISPLAY_SCALE[name], trajectories.time, trajectories.observable[name]
     lines, bands = [], []
     for number, (key, values) in enumerate(trajectories.estimates.items()):
-        if not values[name].size:
+        if name not in values:  # not every installed tracker has all of them
             continue
         colour, called = LINE_COLOURS[number], ESTIMATOR_TITLES.get(key, key.upper())
         shown = np.where(seen, scale * values[name], np.nan)

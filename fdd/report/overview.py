@@ -45,7 +45,7 @@ class Row:
         return max(self.answer.faults, key=lambda f: f.confidence, default=None)
 
 
-def worst_first(row: Row) -> tuple[int, float, float]:
+def _worst_first(row: Row) -> tuple[int, float, float]:
     """Key that sorts rows: by verdict, then the severest, then the surest; what has no severity is severe."""
     fault = row.surest
     if fault is None:
@@ -55,23 +55,16 @@ def worst_first(row: Row) -> tuple[int, float, float]:
 
 
 def render_index(rows: Sequence[Row], *, missing: int = 0, made: datetime | None = None) -> str:
-    """The page that lists the logs, worst first.
+    """The page that lists the logs, worst first, as HTML that needs no network and runs its one script only.
 
-    Parameters
-    ----------
-    missing : logs that were not reached.
-    made : when; now, where None.
-
-    Returns
-    -------
-    HTML that needs no network and runs its one script only. Text from logs is escaped.
+    `missing` counts logs that were not reached; `made` is when, now where None. Text from logs is escaped.
     """
     counts = Counter(row.state for row in rows)
     script = part("index.js")
     return template("index.html").render(
         title=f"Diagnosis of {len(rows)} logs", missing=missing, made=stamp(made), version=fdd.__version__,
         counts=[(state, counts[state]) for state in ORDER if counts[state]],
-        rows=[_shown(rank, row) for rank, row in enumerate(sorted(rows, key=worst_first))],
+        rows=[_shown(rank, row) for rank, row in enumerate(sorted(rows, key=_worst_first))],
         style=Markup(part("page.css") + part("index.css")), script=Markup(script),
         script_sources=Markup(source_hash(script.encode())),
     )  # fmt: skip
@@ -83,9 +76,9 @@ def _shown(rank: int, row: Row) -> dict[str, object]:
     texts = dict.fromkeys(("fault", "since", "confidence", "severity"), "")
     keys: dict[str, float | str] = dict.fromkeys(("since", "confidence", "severity"), "")
     if fault is not None:
-        more = len(answer.faults) - 1
-        texts["fault"] = candidates(fault) + (f" and {more} more" if more else "")
-        texts |= {"since": seconds(fault.onset_s), "confidence": percent(fault.confidence)}
+        more = f" and {len(answer.faults) - 1} more" if len(answer.faults) > 1 else ""
+        texts |= {"fault": candidates(fault) + more, "since": seconds(fault.onset_s),
+                  "confidence": percent(fault.confidence)}  # fmt: skip
         keys |= {"since": fault.onset_s, "confidence": fault.confidence}
         if fault.severity is not None:
             texts["severity"], keys["severity"] = f"{fault.severity:.2f}", fault.severity

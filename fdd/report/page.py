@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -31,18 +30,9 @@ def render_report(
     diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples, unit: Unit,
     settings: dict[str, str], *, alone: bool = True, made: datetime | None = None,
 ) -> str:  # fmt: skip
-    """The report of one diagnosis as HTML.
+    """The report of one diagnosis as HTML, see `page`; text from the log is escaped.
 
-    Parameters
-    ----------
-    settings : what the diagnosis was run with, name to value, shown as they are.
-    alone : the page holds plotly.js (0.7 MB); else it loads the one beside it, see `plotly.write_bundle`.
-    made : when; now, where None.
-
-    Returns
-    -------
-    One page. Text from the log is escaped, and the page's own policy lets nothing but its own script and
-    plotly.js run.
+    `settings` are what the diagnosis was run with, name to value, shown as they are.
     """
     found = sections(diagnosis, trajectories, samples)
     return page(
@@ -60,8 +50,13 @@ def render_report(
 def page(
     name: str, figures: list[Figure], *, alone: bool = True, made: datetime | None = None, **shown: object
 ) -> str:
-    """A page from its template, with what draws its figures: them, plotly.js where it stands `alone`, script
-    and policy. `made` : when; now, where None."""
+    """A page from its template, with its figures, what draws them, and a policy that lets nothing else run.
+
+    Parameters
+    ----------
+    alone : the page holds plotly.js (0.7 MB); else it loads the one beside it, see `plotly.write_bundle`.
+    made : when; now, where None.
+    """
     plain = [{"id": f.id, "data": f.data, "layout": f.layout, "height": f.height} for f in figures]
     bundle, bundle_hash = plotly.bundle() if alone else ("", "")
     script = part("page.js")
@@ -78,13 +73,8 @@ def page(
 
 @dataclass
 class Table:
-    """Rows of text under a title; all but the first column are shown as numbers where `numbers`.
-
-    Attributes
-    ----------
-    note : above it. columns : titles, the first that of the rows' names. rows : as many texts each. marked :
-        places of rows that stand out.
-    """
+    """Rows of text under a title and a note; all columns but the first, the names, are shown as numbers where
+    `numbers`. `marked` are places of rows that stand out."""
 
     title: str
     columns: tuple[str, ...]
@@ -96,13 +86,8 @@ class Table:
 
 @dataclass
 class Sheet:
-    """A page of tables and plots under one headline, for answers about several logs.
-
-    Attributes
-    ----------
-    kicker : above the headline: what it is about. kind : of verdict, which gives mark and colour; plain
-        where none is given.
-    """
+    """A page of tables and plots under one headline, for answers about several logs. The `kicker` above it
+    says what it is about; `kind` is that of the verdict, which gives mark and colour."""
 
     kicker: str
     headline: str
@@ -113,14 +98,8 @@ class Sheet:
 
 
 def render_sheet(sheet: Sheet, *, alone: bool = True, made: datetime | None = None) -> str:
-    """The page as HTML, tables after the first behind the plots; text from logs is escaped.
-
-    Parameters
-    ----------
-    alone : the page holds plotly.js; else it loads the one beside it, see `plotly.write_bundle`.
-    made : when; now, where None.
-    """
-    shown: Sequence[Section] = [s for s in sheet.sections if s.figures]
+    """The sheet as HTML, see `page`: tables after the first behind the plots; text from logs is escaped."""
+    shown = [s for s in sheet.sections if s.figures]
     for section in shown:
         section.figures[-1].wide = len(section.figures) % 2 == 1
     return page(
@@ -138,12 +117,7 @@ def write_report(
     path: str | Path, diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples, unit: Unit,
     settings: dict[str, str], *, alone: bool = True,
 ) -> None:  # fmt: skip
-    """Write the report whole or not at all; see `render_report`.
-
-    Raises
-    ------
-    InputError : the folder does not exist or cannot be written to.
-    """
+    """Write the report whole or not at all, see `render_report`; an InputError where that cannot be."""
     write_text(path, render_report(diagnosis, trajectories, samples, unit, settings, alone=alone))
 
 

@@ -33,12 +33,7 @@ def bundle() -> tuple[str, str]:
 
 
 def write_bundle(folder: Path) -> None:
-    """Put the bundle into a folder of pages that share it.
-
-    Raises
-    ------
-    InputError : it cannot be written.
-    """
+    """Put the bundle into a folder of pages that share it; an InputError where it cannot be written."""
     with whole_file(folder / FILE) as temporary:
         temporary.write_bytes(gzip.decompress(base64.b64decode(bundle()[0])))
 

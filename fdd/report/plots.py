@@ -161,8 +161,7 @@ def _statistic(trajectories: Trajectories) -> list[Figure]:
         # A gross fault drives the statistic far up; a logarithmic axis keeps the threshold readable.
         statistic = np.maximum(statistic, threshold / 20.0)
         unit = "logarithmic scale"
-        layout["yaxis"]["type"] = "log"
-        layout["yaxis"]["dtick"] = 1
+        layout["yaxis"] |= {"type": "log", "dtick": 1}
     elif threshold > 0.0:
         layout["yaxis"]["rangemode"] = "tozero"
     data = [tr.line(time, statistic, "test statistic", tr.BLUE)]
@@ -183,11 +182,11 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     drawn = {k: v for k, v in drawn.items() if np.isfinite(v).any()}
     if not drawn or not time.size:
         return []
-    seen = trajectories.observable.get(name, np.ones(time.size, dtype=bool))
+    seen = trajectories.observable[name]
     data: list[dict[str, Any]] = []
     lines, bands = [], []
     (first, leading), *others = drawn.items()
-    spread = scale * trajectories.stds.get(first, {}).get(name, np.full(time.size, np.inf))
+    spread = scale * trajectories.stds[first][name]
     apart = {first: seen, **{k: seen & (np.abs(v - leading) > ALIKE_STD * spread) for k, v in others}}
     alike = [k for k, differs in apart.items() if k == first or not differs.any()]
     for number, (key, value) in enumerate(drawn.items()):
@@ -197,11 +196,10 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
         called = " and ".join(ESTIMATOR_TITLES.get(k, k.upper()) for k in ([key] if number else alike))
         called += "" if apart[key][seen].all() else " where it differs"
         shown = np.where(apart[key], value, np.nan)
-        std = trajectories.stds.get(key, {}).get(name)
-        if std is not None:
-            low, high = shown - 2.0 * scale * std, shown + 2.0 * scale * std
-            data.append(tr.band(time, low, high, called, colour))
-            bands += [low, high]
+        half = 2.0 * scale * trajectories.stds[key][name]
+        low, high = shown - half, shown + half
+        data.append(tr.band(time, low, high, called, colour))
+        bands += [low, high]
         if not seen.all() and not number:
             grey = tr.line(time, np.where(seen, np.nan, value), called, tr.GREY, width=1.0, legend=False)
             data.append({**grey, "hoverinfo": "skip"})
@@ -226,12 +224,8 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
 
 
 def y_range(lines: list[Column], bands: list[Column], baseline: float | None) -> list[float] | None:
-    """A y range that a filter's wide first seconds do not spoil and that holds a fault which has just begun.
-
-    Parameters
-    ----------
-    lines, bands : (n,) each, estimates and the edges of their bands. Zooming out shows the rest.
-    """
+    """A y range that a filter's wide first seconds do not spoil and that holds a fault which has just begun,
+    of estimates (`lines`) and the edges of their `bands`, (n,) each. Zooming out shows the rest."""
     everything = np.concatenate([x[np.isfinite(x)] for x in [*lines, *bands]] or [np.empty(0)])
     if not everything.size:
         return None
@@ -273,8 +267,7 @@ def _measured(samples: Samples) -> list[Figure]:
                 continue
             wanted = channel in ("command", "position_setpoint")
             colour = tr.VERMILLION if wanted else tr.LINE_COLOURS[(0, 2, 3, 4)[number]]
-            dash = "dot" if wanted else "solid"
-            values = samples[channel] * factor
+            dash, values = "dot" if wanted else "solid", samples[channel] * factor
             data.append(tr.line(samples.time, values, name, colour, dash=dash, width=1.3))
         if data:
             name = f"measured-{title.lower().replace(' ', '-')}"

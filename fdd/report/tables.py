@@ -26,7 +26,7 @@ def number(value: float | None, digits: int = 4) -> str:
     """
     if value is None or not math.isfinite(value):
         return NOTHING
-    return f"{value:.{digits}g}".replace("-", "−", 1) if value < 0 else f"{value:.{digits}g}"
+    return f"{'−' if value < 0 else ''}{abs(value):.{digits}g}"
 
 
 def with_std(value: float | None, std: float | None) -> str:
@@ -46,10 +46,7 @@ def with_std(value: float | None, std: float | None) -> str:
 
 
 def estimate_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    """Rows of the table of estimates; keys quantity, unit, baseline, value, change, observable, held.
-
-    Whether a quantity is observable goes by the motion, so for every method alike.
-    """
+    """Rows of the table of estimates; keys quantity, unit, baseline, value, change, observable, held."""
     rows = []
     for name, estimate in diagnosis.estimates.items():
         rows.append(_estimate_row(name, estimate))
@@ -144,20 +141,14 @@ def unit_rows(unit: Unit) -> list[tuple[str, str]]:
     ]
     if unit.description:
         rows.insert(2, ("Description", unit.description))
-    if unit.baseline is None:
-        rows.append(("Healthy baseline", "none in the profile"))
-    else:
-        rows.append(("Healthy baseline", f"from {span(unit.baseline.seconds)} of healthy logs"))
-    return rows
+    known = unit.baseline
+    told = "none in the profile" if known is None else f"from {span(known.seconds)} of healthy logs"
+    return [*rows, ("Healthy baseline", told)]
 
 
 @cache  # a batch's pages all tell the same, and a package's version is looked up in its files
 def version_rows() -> list[tuple[str, str]]:
     """Versions of what computed the diagnosis."""
-    rows = [("fdd", fdd.__version__), ("Python", platform.python_version())]
-    for name in ("numpy", "scipy", "numba", "scikit-learn"):
-        try:
-            rows.append((name, metadata.version(name)))
-        except metadata.PackageNotFoundError:
-            continue
-    return [*rows, ("plotly.js", plotly.VERSION)]
+    libraries = [(name, metadata.version(name)) for name in ("numpy", "scipy", "numba", "scikit-learn")]
+    own = [("fdd", fdd.__version__), ("Python", platform.python_version())]
+    return [*own, *libraries, ("plotly.js", plotly.VERSION)]

@@ -7,6 +7,7 @@ more than the diagnosis itself.
 from __future__ import annotations
 
 import base64
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -30,11 +31,6 @@ def packed(values: NDArray[Any]) -> dict[str, str]:
 
     Six digits are more than a plot shows; the bits of single precision beyond them are 0 and pack well.
     Times far from zero (epoch seconds) keep double precision.
-
-    Examples
-    --------
-    >>> packed(np.array([1.0, 2.0]))
-    {'dtype': 'f4', 'bdata': 'AACAPwAAAEA='}
     """
     flat = np.ascontiguousarray(values, dtype=np.float64)
     finite = flat[np.isfinite(flat)]
@@ -48,10 +44,7 @@ def packed(values: NDArray[Any]) -> dict[str, str]:
         bits = raw.view("<u4")
         bits += 4  # rounded, not cut
         bits &= 0xFFFFFFF8
-    out = {"dtype": kind, "bdata": base64.b64encode(raw.tobytes()).decode("ascii")}
-    if flat.ndim > 1:
-        out["shape"] = ", ".join(str(n) for n in flat.shape)
-    return out
+    return {"dtype": kind, "bdata": base64.b64encode(raw.tobytes()).decode("ascii")}
 
 
 def on_grid(time: Column) -> Column:
@@ -72,7 +65,7 @@ def on_grid(time: Column) -> Column:
 
 def label(text: str) -> str:
     """Text for a figure: plotly reads a little HTML in labels, so angle brackets are escaped."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return escape(text, quote=False)
 
 
 def scatter(x: Any, y: Any, name: str | None = None, *, mode: str = "lines", **more: Any) -> Trace:
@@ -108,22 +101,19 @@ def band(time: Column, low: Column, high: Column, group: str, colour: str) -> Tr
     t, a, b = envelope(time, low, high, BUCKETS // 2)
     good = np.isfinite(a) & np.isfinite(b)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], good.astype(np.int8), [0]))))
-    xs: list[Column] = []
-    ys: list[Column] = []
-    gap = np.array([np.nan])
+    xs, ys, gap = [np.empty(0)], [np.empty(0)], np.array([np.nan])
     for start, stop in edges.reshape(-1, 2):
         # There and back, then a break before the next polygon.
         xs += [t[start:stop], t[start:stop][::-1], gap]
         ys += [b[start:stop], a[start:stop][::-1], gap]
-    x = np.concatenate(xs) if xs else np.empty(0)
-    y = np.concatenate(ys) if ys else np.empty(0)
-    return {**outline(packed(on_grid(x)), packed(y), colour), "legendgroup": label(group)}
+    x, y = packed(on_grid(np.concatenate(xs))), packed(np.concatenate(ys))
+    return {**outline(x, y, colour), "legendgroup": label(group)}
 
 
 def outline(x: Any, y: Any, colour: str) -> Trace:
     """A closed outline, filled faintly."""
     return scatter(
-        x, y, fill="toself", fillcolor=faded(colour, 0.16), line={"width": 0}, hoverinfo="skip",
+        x, y, fill="toself", fillcolor=_faded(colour, 0.16), line={"width": 0}, hoverinfo="skip",
         showlegend=False,
     )  # fmt: skip
 
@@ -137,16 +127,16 @@ def level(time: Column, value: float, name: str, *, colour: str, dash: str = "da
     )  # fmt: skip
 
 
-def faded(colour: str, opacity: float) -> str:
+def _faded(colour: str, opacity: float) -> str:
     """``#rrggbb`` as ``rgba(…)``."""
-    r, g, b = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    r, g, b = bytes.fromhex(colour[1:])
     return f"rgba({r},{g},{b},{opacity})"
 
 
 def shade(start: float, stop: float) -> dict[str, Any]:
     """A grey stretch of time behind the lines, from the bottom of the plot to its top."""
     ends = {"x0": round(start, 4), "x1": round(stop, 4), "y0": 0, "y1": 1}
-    style = {"fillcolor": faded(GREY, 0.17), "line": {"width": 0}, "layer": "below"}
+    style = {"fillcolor": _faded(GREY, 0.17), "line": {"width": 0}, "layer": "below"}
     return {"type": "rect", "xref": "x", "yref": "paper", **ends, **style}
 
 

@@ -23,17 +23,16 @@ MARKS = {"healthy": "✓", "faulty": "!", "inconclusive": "?"}
 
 @dataclass(frozen=True)
 class FindingWords:
-    """One finding in words; empty strings where there is nothing to say."""
+    """One finding in words; empty strings where there is nothing to say. `place` is where, and of which kind
+    (chamber, channel, variant), `check` what a technician does to confirm it."""
 
     headline: str
     alternatives: str
     severity: str
     detection: str
     evidence: list[str]
-    place: str = ""
-    """Where, and of which kind: chamber, channel, variant."""
-    check: str = ""
-    """What a technician does to confirm it."""
+    place: str
+    check: str
 
 
 @dataclass(frozen=True)
@@ -110,12 +109,7 @@ def candidates(finding: FaultFinding) -> str:
 
 
 def finding_words(finding: FaultFinding, unit: Unit | None = None) -> FindingWords:
-    """One finding in words.
-
-    Parameters
-    ----------
-    unit : profile whose size severity 1 is told for; the thesis's where None.
-    """
+    """One finding in words; severity 1 is told for the size of `unit`, of the thesis's where None."""
     title = candidates(finding)
     parts = [title[:1].upper() + title[1:], f"since {seconds(finding.onset_s)}"]
     if finding.severity is not None and math.isfinite(finding.severity):
@@ -128,7 +122,7 @@ def finding_words(finding: FaultFinding, unit: Unit | None = None) -> FindingWor
         severity = f"Severity between {low:.2f} and {high:.2f} (80 %). {severity}"
     delay = finding.detected_s - finding.onset_s
     detection = f"Detected at {seconds(finding.detected_s)}"
-    if math.isfinite(delay) and delay >= 0.0:
+    if delay >= 0.0:
         detection += f", {delay:.1f} s after its onset"
     check = f"To confirm it: {finding.next_check}" if finding.next_check else ""
     named = place(finding)
@@ -173,16 +167,7 @@ def place(named: FaultFinding | Invisible) -> str:
 
 
 def verdict_words(diagnosis: Diagnosis, unit: Unit | None = None) -> VerdictWords:
-    """The diagnosis in words.
-
-    Examples
-    --------
-    >>> from fdd.diagnosis.findings import Quality
-    >>> healthy = Diagnosis(log="a.csv", axis="a", unit="axis_a", duration_s=60.0, samples=60000,
-    ...     verdict="healthy", faults=[], probabilities={"healthy": 0.98}, estimates={}, quality=Quality())
-    >>> verdict_words(healthy).headline
-    'Healthy: no fault found in 60 s'
-    """
+    """The diagnosis in words."""
     kind, mark = diagnosis.verdict, MARKS[diagnosis.verdict]
     ordered = sorted(diagnosis.faults, key=lambda f: -f.confidence)
     findings = [finding_words(f, unit) for f in ordered]
@@ -191,7 +176,9 @@ def verdict_words(diagnosis: Diagnosis, unit: Unit | None = None) -> VerdictWord
         remark = "" if sure is None else f"{percent(sure).capitalize()} sure."
         return VerdictWords(kind, mark, f"Healthy: no fault found in {span(diagnosis.duration_s)}", remark)
     if kind == "inconclusive":
-        blind, leaning = _not_observable(diagnosis), _leaning(diagnosis)
+        unseen = (name for name, e in diagnosis.estimates.items() if not e.observable)
+        blind = [ESTIMATED[name][2].lower() if name in ESTIMATED else name for name in unseen]
+        leaning = _leaning(diagnosis)
         note = diagnosis.quality.notes[0].strip().rstrip(".") if diagnosis.quality.notes else ""
         if diagnosis.samples == 0:
             note = "the log holds no samples"
@@ -219,11 +206,6 @@ def verdict_words(diagnosis: Diagnosis, unit: Unit | None = None) -> VerdictWord
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in one line, for a terminal or a page's title."""
     return verdict_words(diagnosis).headline
-
-
-def _not_observable(diagnosis: Diagnosis) -> list[str]:
-    blind = [name for name, e in diagnosis.estimates.items() if not e.observable]
-    return [ESTIMATED[name][2].lower() if name in ESTIMATED else name for name in blind]
 
 
 def _leaning(diagnosis: Diagnosis) -> str:

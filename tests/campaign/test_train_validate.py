@@ -35,7 +35,7 @@ RECIPE = Recipe(
 
 
 def scored(family: str, score: float) -> ScoredLog:
-    return ScoredLog("unit", "", family, "", score, score, 360.0)
+    return ScoredLog(family, score, score, 360.0)
 
 
 def drawn(seed: int = 0) -> list[ScoredLog]:

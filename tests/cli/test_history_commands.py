@@ -96,7 +96,7 @@ def test_a_leakage_that_grows_over_twelve_logs(told, validator) -> None:
 def test_of_answers_nothing_is_diagnosed_anew_and_a_limit_may_be_given(
     run, told, answers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fdd.offline.diagnoser.diagnose_log", None)
+    monkeypatch.setattr("fdd.offline.diagnoser.Diagnoser.answer", None)
     report = tmp_path / "trend.html"
     result = run("trend", answers, "--limit", "leakage=2.0", "--json", "-", "--report", report)
     assert result.exit_code == 0, result.stderr

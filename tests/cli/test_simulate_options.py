@@ -60,7 +60,7 @@ def test_options_override_the_file_and_leave_the_rest(asked, file) -> None:
     unit, scenario, partner = asked(
         "--scenario", file, "--unit", "axis_a", "--seed", 8, "--control", "speed",
         "--partner", "axis_b:power=0", "--valve", "b.throttle=0.5", "--valve", "bypass=0.1",
-        "--fault", "aeration:severity=0.2,axis=2", "--perfect",
+        "--fault", "aeration:severity=0.2,axis=2",
     )  # fmt: skip
     assert (unit.name, partner.name) == (scenario.unit, scenario.partner.unit) == ("axis_a", "axis_b")
     assert (scenario.duration, scenario.seed) == (12.0, 8)
@@ -70,7 +70,6 @@ def test_options_override_the_file_and_leave_the_rest(asked, file) -> None:
     assert circuit.blocked and circuit.throttle.points == ((0.0, 0.5),)
     assert scenario.circuit.bypass.most == 0.1
     assert [(f.fault, f.axis) for f in scenario.faults] == [("aeration", 2)]
-    assert scenario.recording.dropped == 0.0
 
 
 def test_valves_by_name_on_their_axis(asked) -> None:

@@ -105,7 +105,7 @@ def _answers(path: Path) -> None:
     folder = path.parent / "answers"
     folder.mkdir(exist_ok=True)
     (folder / ANSWERS).write_bytes(path.read_bytes())
-    job = SimpleNamespace(name="run.mcap", path=path, report=None, page=None, mcap=None)
+    job = SimpleNamespace(name="run.mcap", path=path, outputs=[])
     sums, versions = (lambda p: {"log": "0" * 64}), {"fdd": "0.1.0"}
     diagnoser = SimpleNamespace(settings=SimpleNamespace(axis=None), hashes=sums, versions=versions)
     AnswersFolder(folder).earlier([job], diagnoser)  # type: ignore[list-item, arg-type]
