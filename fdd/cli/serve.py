@@ -6,10 +6,11 @@ import heapq
 import logging
 import math
 import sys
+import tempfile
 import threading
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 from urllib.parse import urlsplit
 
@@ -24,6 +25,8 @@ from fdd.errors import InputError
 if TYPE_CHECKING:
     from fdd.service.config import Serve
     from fdd.service.config_sources import Broker
+
+DEMO = "fdd-demo-"
 
 
 def serve(
@@ -52,10 +55,7 @@ def serve(
     logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", level=logging.INFO, stream=sys.stderr)
     logging.getLogger("numexpr").setLevel(logging.WARNING)  # which tells its threads
     with ExitStack() as kept:
-        if config is None:
-            settings = _demo(Path(kept.enter_context(TemporaryDirectory(prefix="fdd-demo-"))))
-        else:
-            settings = Serve.load(config)
+        settings = _demo(kept.enter_context(_demo_folder())) if config is None else Serve.load(config)
         if port is not None:
             listen = settings.listen.model_copy(update={"port": port})
             settings = settings.model_copy(update={"listen": listen})
@@ -81,6 +81,21 @@ def _make_token(text: str) -> None:
     secret, line = new_token(name, role)
     print(f"Token (shown this once): {secret}")
     print(f"Line for the file of tokens: {line}")
+
+
+@contextmanager
+def _demo_folder() -> Iterator[Path]:
+    """A temporary folder, locked while it is used; those that a killed demo has left are removed."""
+    import fcntl
+    import shutil
+
+    for left in Path(tempfile.gettempdir()).glob(f"{DEMO}*/.lock"):
+        with suppress(OSError), left.open("wb") as lock:  # OSError: another user's, or one that is used
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(left.parent, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=DEMO) as folder, (Path(folder) / ".lock").open("wb") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield Path(folder)
 
 
 def _demo(folder: Path) -> Serve:

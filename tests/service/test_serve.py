@@ -18,6 +18,7 @@ import pytest
 from stores import postgres_server, postgres_url
 from typer.testing import CliRunner
 
+from fdd.cli import serve
 from fdd.cli.app import app
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -195,3 +196,14 @@ def test_whatever_the_file_names_is_opened_before_anything_is_made(line: str, tm
     with pytest.raises(InputError):
         Service(Serve.load(path))
     assert [p.name for p in tmp_path.iterdir()] == ["serve.yaml"], "nothing half-made"
+
+
+def test_a_demo_removes_what_a_killed_one_has_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / "fdd-demo-killed").mkdir()
+    (tmp_path / "fdd-demo-killed" / ".lock").touch()
+    with serve._demo_folder() as mine:
+        assert [p.name for p in tmp_path.iterdir()] == [mine.name]
+        with serve._demo_folder() as other:
+            assert sorted(p.name for p in tmp_path.iterdir()) == sorted([mine.name, other.name])
+    assert list(tmp_path.iterdir()) == []
