@@ -84,6 +84,7 @@ def leakage(answers: list[Diagnosis]) -> Trend:
     return next(t for t in told(answers).trends if t.quantity == "leakage")
 
 
+@pytest.mark.slow
 def test_a_leakage_that_grows_is_told_with_its_slope_and_its_time_to_the_limit():
     """12 logs at temperatures that alone change leakage threefold; leakage doubles over the life."""
     slope = held = reached = 0
@@ -97,6 +98,7 @@ def test_a_leakage_that_grows_is_told_with_its_slope_and_its_time_to_the_limit()
     assert slope / REPEATS == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_healthy_lives_show_no_trend_but_one_in_twenty():
     alarms = [any(t.direction for t in told(life(seed)).trends) for seed in range(REPEATS)]
     assert sum(alarms) / REPEATS < 0.05 + 0.04
@@ -128,7 +130,7 @@ def test_logs_stand_by_their_dates_else_by_their_names_and_it_is_said():
     assert [x.at for x in undated.logs] == list(range(12))
 
 
-def test_what_cannot_be_read_or_has_a_failed_sensor_does_not_count():
+def test_what_cannot_be_read_or_has_a_failed_sensor_does_not_count_and_faults_stand_first():
     answers = life(2, growth=1.0)
     bad = [*answers, Diagnosis.unreadable("bad.csv", "bad.csv: the file is empty", {})]
     assert told(bad).trends == told(answers).trends and told(bad).logs[-1].left_out is not None
@@ -138,9 +140,6 @@ def test_what_cannot_be_read_or_has_a_failed_sensor_does_not_count():
     assert len(leakage(answers).points) == 11
     assert "sensor" in (told(answers).logs[4].left_out or "")
     assert trend_csv(told(bad)).count("\r\n") == 14
-
-
-def test_faults_stand_first_on_no_green_page_and_doubt_about_the_order_is_told():
     answers = life(2)
     answers[4] = alarmed(answers[4], "internal_leakage", "leakage")
     found, courses = trend_of(answers, LIMITS)
@@ -207,7 +206,7 @@ TIME = np.linspace(-1.0, 0.0, 12)
 DESIGN = np.column_stack([np.ones(12), TIME])
 
 
-def test_scatter_between_logs_is_the_closed_form_where_all_logs_know_as_much():
+def test_scatter_between_logs_is_the_closed_form_and_a_log_that_hardly_knows_counts_little():
     values = 1.0 + 0.5 * TIME + np.random.default_rng(1).normal(0.0, 0.1, 12)
     rest = values - DESIGN @ np.linalg.lstsq(DESIGN, values, rcond=None)[0]
     residual = float(rest @ rest) / 10.0
@@ -215,6 +214,14 @@ def test_scatter_between_logs_is_the_closed_form_where_all_logs_know_as_much():
     line = fit_line(values, np.full(12, std), DESIGN)
     assert line.between == pytest.approx(np.sqrt(residual - std**2), rel=1e-3)
     assert fit_line(values, np.full(12, 3.0 * np.sqrt(residual)), DESIGN).between == 0.0
+    values, stds = 1.0 + 0.5 * TIME + 0.01 * np.cos(9.0 * TIME), np.full(12, 0.01)
+    wrong = values.copy()
+    wrong[5] += 1.0
+    stds[5] = 10.0
+    good, spoilt = (fit_line(v, stds, DESIGN).coefficients for v in (values, wrong))
+    assert np.abs(good - spoilt).max() < 1e-3
+    values = 1.0 + np.random.default_rng(4).normal(0.0, 0.1, 12)
+    assert fit_line(values, np.full(12, 0.1), DESIGN).crossing(5.0) is None
 
 
 @pytest.mark.parametrize("std", [1e-3, 0.05, 1.0])
@@ -226,17 +233,6 @@ def test_equal_logs_give_ordinary_least_squares_and_its_t_interval(std):
     half = student_t.ppf(0.975, 10) * plain.stderr
     assert (low, high) == pytest.approx((plain.slope - half, plain.slope + half), rel=1e-6)
     assert line.p_value(1) == pytest.approx(plain.pvalue, rel=1e-6)
-
-
-def test_a_log_that_hardly_knows_counts_little_and_a_slope_that_is_not_told_comes_to_no_level():
-    values, stds = 1.0 + 0.5 * TIME + 0.01 * np.cos(9.0 * TIME), np.full(12, 0.01)
-    wrong = values.copy()
-    wrong[5] += 1.0
-    stds[5] = 10.0
-    good, spoilt = (fit_line(v, stds, DESIGN).coefficients for v in (values, wrong))
-    assert np.abs(good - spoilt).max() < 1e-3
-    values = 1.0 + np.random.default_rng(4).normal(0.0, 0.1, 12)
-    assert fit_line(values, np.full(12, 0.1), DESIGN).crossing(5.0) is None
 
 
 @pytest.mark.parametrize(

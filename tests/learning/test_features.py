@@ -133,7 +133,9 @@ def test_the_truth_is_that_of_the_labels(few):
     assert "no features; make them with: fdd features" in refused(data.arrays)
 
 
-def test_a_changed_log_is_seen_before_it_is_read(few, tmp_path):
+def test_a_changed_log_is_seen_before_it_is_read_and_features_of_other_data_are_refused(
+    few, tmp_path, few_features
+):
     shutil.copytree(few, tmp_path / "copy")
     data = load_dataset(tmp_path / "copy")
     data.data.check()
@@ -144,9 +146,6 @@ def test_a_changed_log_is_seen_before_it_is_read(few, tmp_path):
     data.samples(second)
     (tmp_path / "copy" / first).unlink()
     assert f"{first}: is missing" in refused(data.data.check)
-
-
-def test_features_of_other_data_are_refused(few, few_features, tmp_path):
     table = parquet.read_table(few_features)
     about = json.loads(table.schema.metadata[b"fdd"]) | {"data_sha256": "0" * 64}
     other = table.replace_schema_metadata({b"fdd": json.dumps(about)})
