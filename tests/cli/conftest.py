@@ -1,7 +1,5 @@
 """Simulated logs for the commands, made by the command itself."""
 
-from __future__ import annotations
-
 import functools
 import json
 from pathlib import Path
@@ -11,7 +9,6 @@ from jsonschema import Draft202012Validator
 from typer.testing import CliRunner, Result
 
 from fdd.cli.app import app
-from fdd.diagnosis.model import Model
 
 
 @pytest.fixture(scope="session")
@@ -26,40 +23,43 @@ def run():
 
 
 @pytest.fixture(scope="session")
-def logs(run, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """One healthy and one leaking run of axis_a, as MCAP, and the leaking one as CSV and Parquet."""
-    folder = tmp_path_factory.mktemp("logs")
-    leak = "internal_leakage:severity=0.8,onset=8"
-    common = ["--profile", "steps:amplitude=0.04,hold=1", "--load", "spring", "--duration", 20, "--seed", 4]
-    made = {
-        "healthy": (folder / "healthy.mcap", []),
-        "leaking": (folder / "leaking.mcap", ["--fault", leak]),
-        "csv": (folder / "leaking.csv", ["--fault", leak]),
-        "parquet": (folder / "leaking.parquet", ["--fault", leak]),
-    }
-    for path, more in made.values():
-        result = run("simulate", "-o", path, *common, *more)
+def ran(run):
+    """The same, of a command that must succeed."""
+
+    def invoke(*arguments: object, **given: object) -> Result:
+        result = run(*arguments, **given)
         assert result.exit_code == 0, result.stderr
-    return {name: path for name, (path, _) in made.items()}
+        return result
+
+    return invoke
 
 
 @pytest.fixture(scope="session")
-def tiny_model_file(tiny_model: Model, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """`tiny_model` as ``fdd train`` would write it."""
+def logs(ran, tmp_path_factory) -> dict[str, Path]:
+    """One healthy and one leaking run of axis_a, as MCAP, and the leaking one as CSV and Parquet."""
+    folder = tmp_path_factory.mktemp("logs")
+    common = ["--profile", "steps:amplitude=0.04,hold=1", "--load", "spring", "--duration", 20, "--seed", 4]
+    leak = ["--fault", "internal_leakage:severity=0.8,onset=8"]
+    paths = [folder / name for name in ("healthy.mcap", "leaking.mcap", "leaking.csv", "leaking.parquet")]
+    for path in paths:
+        ran("simulate", "-o", path, *common, *leak * (path.stem == "leaking"))
+    return dict(zip(("healthy", "leaking", "csv", "parquet"), paths, strict=True))
+
+
+@pytest.fixture(scope="session")
+def tiny_model_file(tiny_model, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.json"
     tiny_model.save(path)
     return path
 
 
 @pytest.fixture(scope="session")
-def validator(run):
+def validator(ran):
     """Another library's validator of a published schema, by the kind of file."""
 
     @functools.cache
     def of(kind: str) -> Draft202012Validator:
-        result = run("schema", kind)
-        assert result.exit_code == 0, result.stderr
-        schema = json.loads(result.stdout)
+        schema = json.loads(ran("schema", kind).stdout)
         Draft202012Validator.check_schema(schema)
         return Draft202012Validator(schema)
 

@@ -1,7 +1,5 @@
 """Commands for researchers: ``generate``, ``features``, ``train``, ``diagnose --classifier``; their page."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex
@@ -31,12 +29,11 @@ baseline: false
 """
 
 
-def test_units_logs_and_twins_replace_those_of_the_recipe(run, one_line, tmp_path: Path) -> None:
+def test_units_logs_and_twins_replace_those_of_the_recipe(run, ran, one_line, tmp_path):
     recipe = tmp_path / "few.yaml"
     recipe.write_text(RECIPE, encoding="utf-8")
     common = ("generate", recipe, "-o", tmp_path / "few", "--workers", 1, "--units", 1, "--logs")
-    result = run(*common, 2)
-    assert result.exit_code == 0, result.stderr
+    ran(*common, 2)
     data = Dataset.load(tmp_path / "few")
     assert len(data.logs) == 2 and data.recipe.units == 1 and data.recipe.logs_per_unit == 2
     one_line(run(*common, 3), "another recipe")
@@ -45,14 +42,14 @@ def test_units_logs_and_twins_replace_those_of_the_recipe(run, one_line, tmp_pat
     recipe.write_text(faulty + "twins: true\n", encoding="utf-8")
     for name, options, made in (("recipe", [], 1), ("none", ["--no-twins"], 0), ("asked", ["--twins"], 1)):
         where = ("-o", tmp_path / name, "--workers", 1, "--units", 1, "--logs", 1)
-        assert run("generate", recipe, *where, *options).exit_code == 0
+        ran("generate", recipe, *where, *options)
         data = Dataset.load(tmp_path / name)
         assert data.recipe.twins is bool(made) and sum(e.twin is not None for e in data.logs) == made
         assert len(list((tmp_path / name).rglob("twin_*"))) == made
 
 
 @pytest.mark.parametrize("volume", [None, 0])
-def test_a_base_whose_accumulator_has_no_size(run, one_line, tmp_path: Path, volume: int | None) -> None:
+def test_a_base_whose_accumulator_has_no_size(run, one_line, tmp_path, volume):
     """As one would write a partner down: its gas volume left out, or 0."""
     plain = yaml.safe_load(Unit.load("axis_b").to_yaml())
     del plain["accumulator"]["gas_volume"]
@@ -64,7 +61,7 @@ def test_a_base_whose_accumulator_has_no_size(run, one_line, tmp_path: Path, vol
     one_line(run("generate", recipe, *where), "partner.yaml", "accumulator.gas_volume")
 
 
-def test_what_cannot_be_generated_or_trained_on_is_refused(run, one_line, tmp_path, monkeypatch) -> None:
+def test_what_cannot_be_generated_or_trained_on_is_refused(run, one_line, tmp_path, monkeypatch):
     (tmp_path / "set").mkdir()
     one_line(run("train", tmp_path / "set", "-o", tmp_path / "model"), str(tmp_path / "set"))
     one_line(run("train", tmp_path / "none", "-o", tmp_path / "model"), "none")
@@ -78,7 +75,7 @@ def test_what_cannot_be_generated_or_trained_on_is_refused(run, one_line, tmp_pa
 
 
 @pytest.fixture(scope="module")
-def classifier(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def classifier(tmp_path_factory) -> Path:
     """Says leakage where the leak's score is above about 5."""
     rng = np.random.default_rng(0)
     x = rng.normal(size=(200, 1)) + np.repeat([0.0, 10.0], 100)[:, None]
@@ -89,14 +86,11 @@ def classifier(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_classifier_speaks_beside_the_answer_and_changes_nothing_in_it(
-    run, logs: dict[str, Path], classifier: Path, tmp_path: Path
-) -> None:
+def test_a_classifier_speaks_beside_the_answer_and_changes_nothing_in_it(ran, logs, classifier, tmp_path):
     page, plain, asked = tmp_path / "p.html", tmp_path / "plain.json", tmp_path / "asked.json"
-    assert run("diagnose", logs["parquet"], "--json", plain).exit_code == 0
+    ran("diagnose", logs["parquet"], "--json", plain)
     common = ("diagnose", logs["parquet"], "--classifier", classifier, "--json", asked, "--report", page)
-    result = run(*common)
-    assert result.exit_code == 0, result.stderr
+    result = ran(*common)
     found = json.loads(asked.read_text())
     opinion = found.pop("second_opinion")
     assert opinion["classifier"] == "mine.skops" and opinion["answer"] == "leakage"
@@ -105,11 +99,11 @@ def test_a_classifier_speaks_beside_the_answer_and_changes_nothing_in_it(
     assert found == json.loads(plain.read_text())
     words = "The classifier mine.skops takes it for leakage"
     assert words in " ".join(result.stdout.split()) and words in page.read_text().replace("\xa0", " ")
-    healthy = json.loads(run("diagnose", logs["healthy"], "--classifier", classifier, "--json", "-").stdout)
+    healthy = json.loads(ran("diagnose", logs["healthy"], "--classifier", classifier, "--json", "-").stdout)
     assert healthy["second_opinion"]["answer"] == "healthy"
 
 
-def test_classifiers_that_do_not_suit(run, one_line, logs: dict[str, Path], tmp_path: Path) -> None:
+def test_classifiers_that_do_not_suit(run, one_line, logs, tmp_path):
     model = FaultClassifier(folds=0).fit([[0.0], [1.0]], ["healthy", "leakage"])
     for name, features, window in (("windows", ["duration"], 5.0), ("unknown", ["misfit_none"], None)):
         stored = StoredClassifier(model, features, "family", window, "x", "0", {}, {})
@@ -124,7 +118,7 @@ def test_classifiers_that_do_not_suit(run, one_line, logs: dict[str, Path], tmp_
 
 
 @pytest.mark.slow
-def test_the_page_for_researchers_is_true(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_for_researchers_is_true(ran, tmp_path, monkeypatch):
     """Its commands and its Python run one after another, as they stand there, in an empty folder."""
     shutil.copytree(ROOT / "datasets", tmp_path / "datasets")
     monkeypatch.chdir(tmp_path)
@@ -137,16 +131,15 @@ def test_the_page_for_researchers_is_true(run, tmp_path: Path, monkeypatch: pyte
         elif kind == "python":
             exec(compile(block, "research.md", "exec"), shown)
         for line in block.splitlines() if kind == "sh" else ():
-            result = run(*shlex.split(line, comments=True)[1:])
-            assert result.exit_code == 0, (line, result.stderr)
+            result = ran(*shlex.split(line, comments=True)[1:])
             said.append(result.stdout)
     assert "unseen" in text and len(said) == 5
     assert re.search(r"accuracy (0\.[5-9]\d|1\.00), macro-F1", said[2]), "gross faults"
     assert "takes it for" in said[3]
     search = shown["search"]
-    assert search.score(shown["X_test"], shown["y_test"]) > 0.5  # type: ignore[attr-defined]
+    assert search.score(shown["X_test"], shown["y_test"]) > 0.5
     # The same table, by any number of workers.
-    assert run("features", "smoke", "-o", "again.parquet", "--workers", 2).exit_code == 0
+    ran("features", "smoke", "-o", "again.parquet", "--workers", 2)
     assert Path("again.parquet").read_bytes() == Path("smoke/features.parquet").read_bytes()
     rows = parquet.read_table("again.parquet").to_pandas()
     assert list(rows.columns[-len(FEATURES) :]) == list(FEATURES)

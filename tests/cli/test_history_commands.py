@@ -1,7 +1,5 @@
 """``fdd compare`` and ``fdd trend`` on simulated logs, end to end."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -30,14 +28,14 @@ LOADS = ({"name": "spring"}, {"name": "constant"}, {"name": "constant", "level":
 
 
 @pytest.fixture(scope="module")
-def life(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def life(tmp_path_factory) -> Path:
     """Twelve logs, a month apart, of other duty and temperature; the laminar leakage grows straight. Their
     names are in another order than their dates."""
     folder, rng = tmp_path_factory.mktemp("life"), np.random.default_rng(5)
     for k in range(12):
         leak = {"fault": "internal_leakage", "severity": 0.04 * k, "onset": 0.0}
         scenario = Scenario(
-            duration=20, duty=DUTIES[k % 3], load=LOADS[k // 4], oil_temperature=float(rng.uniform(20, 60)),
+            duration=14, duty=DUTIES[k % 3], load=LOADS[k // 4], oil_temperature=float(rng.uniform(20, 60)),
             seed=100 + k, faults=[leak] if k else [], fault_scales={"internal_leakage_orifice_share": 0.0},
         )  # fmt: skip
         start = 1_767_225_600_000_000_000 + k * EVERY_DAYS * 86_400_000_000_000
@@ -48,17 +46,16 @@ def life(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def answers(run, life: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What ``fdd diagnose -o`` wrote of them."""
+def answers(ran, life, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("answers") / "out"
-    assert run("diagnose", life, "-o", out, "--workers", 1).exit_code == 0
+    ran("diagnose", life, "-o", out, "--workers", 1)
     return out / "answers.jsonl"
 
 
 @pytest.fixture(scope="module")
-def told(run, answers: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
+def told(ran, answers, tmp_path_factory) -> tuple[Any, Path]:
     out = tmp_path_factory.mktemp("told") / "trend"
-    return run("trend", answers, "-o", out), out
+    return ran("trend", answers, "-o", out), out
 
 
 def valid(of: Draft202012Validator, answer: dict[str, Any]) -> None:
@@ -67,9 +64,8 @@ def valid(of: Draft202012Validator, answer: dict[str, Any]) -> None:
         assert not of.is_valid({k: v for k, v in answer.items() if k != key}), key
 
 
-def test_a_leakage_that_grows_over_twelve_logs(told, validator) -> None:
+def test_a_leakage_that_grows_over_twelve_logs(told, validator):
     result, out = told
-    assert result.exit_code == 0, result.stderr
     answer = json.loads((out / "trend.json").read_text("utf-8"))
     valid(validator("trend"), answer)
     assert result.stdout.splitlines()[0] == answer["headline"]
@@ -93,13 +89,10 @@ def test_a_leakage_that_grows_over_twelve_logs(told, validator) -> None:
     assert page.count('class="plot"') >= 2 and "run07.mcap" in page and len(page) < 200_000
 
 
-def test_of_answers_nothing_is_diagnosed_anew_and_a_limit_may_be_given(
-    run, told, answers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_answers_nothing_is_diagnosed_and_a_limit_may_be_given(ran, told, answers, tmp_path, monkeypatch):
     monkeypatch.setattr("fdd.offline.diagnoser.Diagnoser.answer", None)
     report = tmp_path / "trend.html"
-    result = run("trend", answers, "--limit", "leakage=2.0", "--json", "-", "--report", report)
-    assert result.exit_code == 0, result.stderr
+    result = ran("trend", answers, "--limit", "leakage=2.0", "--json", "-", "--report", report)
     assert "complete in itself" in report.read_text("utf-8")
     near = json.loads(result.stdout)["trends"][0]
     far = json.loads((told[1] / "trend.json").read_text("utf-8"))["trends"][0]
@@ -108,9 +101,7 @@ def test_of_answers_nothing_is_diagnosed_anew_and_a_limit_may_be_given(
     assert least < (1.0 / GROWTH - 11) * EVERY_DAYS < most < far["until_limit_interval"][0]
 
 
-def test_logs_say_the_same_as_their_answers_and_one_that_cannot_be_read_is_told(
-    run, life: Path, answers: Path, tmp_path: Path
-) -> None:
+def test_logs_say_the_same_as_their_answers_and_one_that_cannot_be_read_is_told(run, life, answers, tmp_path):
     names = {f"run{k:02d}.mcap" for k in (0, 7, 2, 9)}
     for name in names:
         shutil.copy(life / name, tmp_path)
@@ -127,11 +118,10 @@ def test_logs_say_the_same_as_their_answers_and_one_that_cannot_be_read_is_told(
     assert answer["trends"] == same["trends"] and answer["logs"][:-1] == same["logs"]
 
 
-def test_two_logs_compared(run, validator, life: Path, tmp_path: Path) -> None:
+def test_two_logs_compared(ran, validator, life, tmp_path):
     a, b, report = life / "run00.mcap", life / "run05.mcap", tmp_path / "compare.html"
     out = tmp_path / "compare.json"
-    result = run("compare", a, b, "--json", out, "--report", report)
-    assert result.exit_code == 0, result.stderr
+    result = ran("compare", a, b, "--json", out, "--report", report)
     answer = json.loads(out.read_text("utf-8"))
     valid(validator("comparison"), answer)
     assert result.stdout.splitlines()[0] == answer["headline"]
@@ -139,11 +129,11 @@ def test_two_logs_compared(run, validator, life: Path, tmp_path: Path) -> None:
     for word in ("chambers' oil", "pump speed", "Spectral lines", "axis_a was not identified"):
         assert word in result.stdout
     assert "run05.mcap (B)" in report.read_text("utf-8")
-    same = run("compare", a, a)
+    same = ran("compare", a, a)
     assert same.stdout.splitlines()[0] == "no estimate changed beyond its uncertainty"
 
 
-def test_wrong_input_is_one_line(run, one_line, life: Path, tmp_path: Path) -> None:
+def test_wrong_input_is_one_line(run, one_line, life, tmp_path):
     log, answers = life / "run00.mcap", tmp_path / "answers.jsonl"
     answers.write_text("{}\n")
     one_line(run("compare", log, tmp_path / "none.mcap"), "none.mcap")
@@ -159,7 +149,7 @@ def test_wrong_input_is_one_line(run, one_line, life: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("width", [40, 80, 140])
-def test_no_number_is_cut_and_no_name_broken_however_narrow_the_terminal(width: int) -> None:
+def test_no_number_is_cut_and_no_name_broken_however_narrow_the_terminal(width):
     rows = [
         ("relief_valve_stuck_open.mcap", "faulty: relief valve stuck open", "14.7 ± 3.0", "0.259 ± 0.087"),
         ("h1.mcap", "healthy", "0.991 ± 0.038", "0.4399 ± 0.0066"),

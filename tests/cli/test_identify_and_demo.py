@@ -1,7 +1,5 @@
 """Identification, experiments and the demo, end to end."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -23,22 +21,21 @@ STROKES = "constant_speed:amplitude=0.08,speeds=60/105,turn=5,dwell=0.3"
 
 
 @pytest.fixture(scope="module")
-def healthy_strokes(run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def healthy_strokes(ran, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("identify") / "strokes.mcap"
     arguments = ["--profile", STROKES, "--load", "throttle:pressure=1.5e6", "--duration", 21, "--seed", 6]
-    assert run("simulate", "-o", path, *arguments).exit_code == 0
+    ran("simulate", "-o", path, *arguments)
     return path
 
 
 @pytest.fixture(scope="module")
-def made(run, healthy_strokes, tmp_path_factory: pytest.TempPathFactory):
+def made(ran, healthy_strokes, tmp_path_factory):
     out = tmp_path_factory.mktemp("made") / "unit.yaml"
-    return run("identify", healthy_strokes, "--json", out.with_suffix(".json"), "-o", out), out
+    return ran("identify", healthy_strokes, "--json", out.with_suffix(".json"), "-o", out), out
 
 
-def test_identify_says_whether_the_profile_is_usable_and_where_it_comes_from(made, healthy_strokes) -> None:
+def test_identify_says_whether_the_profile_is_usable_and_the_data_what_the_table_says(made, healthy_strokes):
     result, out = made
-    assert result.exit_code == 0, result.stderr
     unit, truth = Unit.load(out), Unit.load("axis_a")
     assert result.stdout.splitlines()[0].startswith("usable")
     assert unit.pump.total_leakage == pytest.approx(truth.pump.total_leakage, rel=0.3)
@@ -53,9 +50,6 @@ def test_identify_says_whether_the_profile_is_usable_and_where_it_comes_from(mad
     assert unit.origin.base == "axis_a" and not unit.origin.accepted
     hashed = hashlib.sha256(digest.encode()).hexdigest()[:8]
     assert re.fullmatch(rf"axis_a-\d{{4}}-\d\d-\d\d-{hashed}", unit.name)
-
-
-def test_the_data_say_what_the_table_says(made) -> None:
     result, out = made
     data = json.loads(out.with_suffix(".json").read_text())
     assert data["schema"] == "fdd.identification/1" and data["verdict"] == "usable"
@@ -67,31 +61,31 @@ def test_the_data_say_what_the_table_says(made) -> None:
     assert row["word"] == "identified"
 
 
-def test_verbose_shows_the_sensors(run, healthy_strokes, tmp_path: Path) -> None:
-    result = run("identify", healthy_strokes, "--name", "rig 7", "--verbose", "-o", tmp_path / "unit.yaml")
-    assert result.exit_code == 0 and Unit.load(tmp_path / "unit.yaml").name == "rig 7"
+def test_verbose_shows_the_sensors(ran, healthy_strokes, tmp_path):
+    result = ran("identify", healthy_strokes, "--name", "rig 7", "--verbose", "-o", tmp_path / "unit.yaml")
+    assert Unit.load(tmp_path / "unit.yaml").name == "rig 7"
     for word in ("sensors pressure 1", "resolution", "area_1 stays", "1e-12 m³/(s·Pa)"):
         assert word in result.stdout
     assert "…" not in result.stdout, "80 columns cut nothing"
 
 
-def test_a_leaking_log_is_added_only_where_it_is_accepted(run, one_line, made, tmp_path: Path) -> None:
+def test_a_leaking_log_is_added_only_where_it_is_accepted(run, ran, one_line, made, tmp_path):
     _, profile = made
     log, out = tmp_path / "leak.mcap", tmp_path / "more.yaml"
     arguments = ["--profile", STROKES, "--load", "throttle:pressure=1.5e6", "--duration", 21, "--seed", 7]
     fault = ["--fault", "internal_leakage:severity=0.5,onset=0"]
-    assert run("simulate", "-o", log, *arguments, *fault).exit_code == 0
+    ran("simulate", "-o", log, *arguments, *fault)
     one_line(run("identify", "--add", profile, log, "-o", out), "not usable, because", "leakage", "--accept")
     assert not out.exists()
-    result = run("identify", "--add", profile, log, "--accept", "-o", out)
-    assert result.exit_code == 0 and result.stdout.startswith("not usable, because")
+    result = ran("identify", "--add", profile, log, "--accept", "-o", out)
+    assert result.stdout.startswith("not usable, because")
     unit, before = Unit.load(out), Unit.load(profile)
     assert unit.origin is not None and before.origin is not None and unit.origin.accepted
     assert len(unit.origin.logs) == 2 and unit.name != before.name
     assert unit.pump == before.pump
 
 
-def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, made, tmp_path) -> None:
+def test_what_cannot_be_used_is_refused_in_one_line(run, one_line, healthy_strokes, made, tmp_path):
     out = tmp_path / "unit.yaml"
     one_line(run("identify", tmp_path / "none.mcap", "-o", out), "none.mcap", "no such file")
     one_line(run("identify", healthy_strokes, "--base", "axis_z", "-o", out), "axis_z")
@@ -100,13 +94,17 @@ def test_identify_refuses_what_it_cannot_use(run, one_line, healthy_strokes, mad
     one_line(run("identify", healthy_strokes, healthy_strokes, "-o", out), "give each log once")
     one_line(run("identify", "--add", made[1], healthy_strokes, "-o", out), "counts already")
     assert list(tmp_path.iterdir()) == []
+    log = read_log(healthy_strokes).samples
+    columns = {c: log[c] for c in ("position", "pump_angle", "pressure_difference")}
+    pd.DataFrame({"time": log.time, **columns}).to_csv(tmp_path / "bare.csv", index=False)
+    command = ("experiment", "frequency-response", tmp_path / "bare.csv", "--input", "command")
+    one_line(run(*command), "no command")
 
 
 @pytest.mark.parametrize("kind", ["frequency-response", "friction", "leakage", "gain", "bulk-modulus"])
-def test_each_kind_tells_and_says_what_it_does_not(run, healthy_strokes, tmp_path, kind) -> None:
+def test_each_kind_tells_and_says_what_it_does_not(ran, healthy_strokes, tmp_path, kind):
     page, data = tmp_path / "page.html", tmp_path / "data.json"
-    result = run("experiment", kind, healthy_strokes, "--html", page, "--json", data)
-    assert result.exit_code == 0, result.stderr
+    result = ran("experiment", kind, healthy_strokes, "--html", page, "--json", data)
     found = json.loads(data.read_text())
     assert found["schema"] == "fdd.experiment/1" and found["experiment"] == kind
     assert found["logs"] == ["strokes.mcap"] and found["unit"] == "axis_a"
@@ -121,15 +119,7 @@ def test_each_kind_tells_and_says_what_it_does_not(run, healthy_strokes, tmp_pat
     assert ("Not told" in result.stdout) == bool(found["not_told"])
 
 
-def test_a_log_without_command_is_refused_in_one_line(run, one_line, healthy_strokes, tmp_path) -> None:
-    log = read_log(healthy_strokes).samples
-    columns = {c: log[c] for c in ("position", "pump_angle", "pressure_difference")}
-    pd.DataFrame({"time": log.time, **columns}).to_csv(tmp_path / "bare.csv", index=False)
-    command = ("experiment", "frequency-response", tmp_path / "bare.csv", "--input", "command")
-    one_line(run(*command), "no command")
-
-
-def test_the_shipped_demo_is_of_this_version_and_small() -> None:
+def test_the_shipped_demo_is_of_this_version_and_small():
     folder = resources.files("fdd") / "demo"
     unit = Unit.from_yaml((folder / "unit.yaml").read_text(encoding="utf-8"))
     assert unit.baseline is not None
@@ -140,15 +130,12 @@ def test_the_shipped_demo_is_of_this_version_and_small() -> None:
     assert len((folder / "demo.mcap").read_bytes()) < 2_500_000
 
 
-def test_the_demo_finds_the_leak_and_names_the_command_as_it_was_called(
-    run, one_line, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_demo_finds_the_leak_and_names_the_command_as_called(run, ran, one_line, tmp_path, monkeypatch):
     """After ``make demo`` fdd is in no path."""
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.setattr(sys, "argv", [".venv/bin/fdd", "demo"])
     out = tmp_path / "report.html"
-    result = run("demo", "-o", out)
-    assert result.exit_code == 0, result.stderr
+    result = ran("demo", "-o", out)
     onset = re.search(r"! Internal leakage, since (\d+\.\d) s", result.stdout)
     assert onset is not None and abs(float(onset[1]) - 16.0) < 1.0
     assert str(out) in result.stdout.replace("\n", "") and "Internal leakage" in out.read_text("utf-8")

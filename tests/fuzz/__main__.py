@@ -1,7 +1,5 @@
 """``python -m tests.fuzz --count 100000 --seed 1 --kind mcap,csv --workers 2``: finds go to ``--keep``."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

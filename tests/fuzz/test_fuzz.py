@@ -1,7 +1,5 @@
 """What was found once is not found again, and some hundred changed files of each kind find nothing new."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.fuzz.targets import CORPUS, KINDS
@@ -11,7 +9,7 @@ EACH = 200
 
 
 @pytest.mark.slow
-def test_changed_files_are_read_or_refused_in_one_line() -> None:
+def test_changed_files_are_read_or_refused_in_one_line():
     """Corpus: files that once ended the process, hung or raised something else than an `InputError`.
 
     The processes read every seed before their first case.

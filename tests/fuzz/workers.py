@@ -1,7 +1,5 @@
 """Cases in processes of their own, with a bound on memory, watched by time and exit status."""
 
-from __future__ import annotations
-
 import multiprocessing
 import resource
 import tempfile
@@ -14,7 +12,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 from tests.fuzz.targets import KINDS, case, run
 
@@ -121,7 +118,7 @@ class _Worker:
         self.process.join()
 
 
-def _serve(connection: Connection[Any, Any]) -> None:
+def _serve(connection: Connection) -> None:
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as folder:
         # Libraries and compiled code are loaded before the memory is measured.

@@ -1,7 +1,5 @@
 """Lives of known course: what is told of them, how often; the line's statistics against closed forms."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -86,7 +84,8 @@ def leakage(answers: list[Diagnosis]) -> Trend:
     return next(t for t in told(answers).trends if t.quantity == "leakage")
 
 
-def test_a_leakage_that_grows_is_told_with_its_slope_and_its_time_to_the_limit() -> None:
+@pytest.mark.slow
+def test_a_leakage_that_grows_is_told_with_its_slope_and_its_time_to_the_limit():
     """12 logs at temperatures that alone change leakage threefold; leakage doubles over the life."""
     slope = held = reached = 0
     for seed in range(REPEATS):
@@ -99,14 +98,15 @@ def test_a_leakage_that_grows_is_told_with_its_slope_and_its_time_to_the_limit()
     assert slope / REPEATS == pytest.approx(1.0, abs=0.01)
 
 
-def test_healthy_lives_show_no_trend_but_one_in_twenty() -> None:
+@pytest.mark.slow
+def test_healthy_lives_show_no_trend_but_one_in_twenty():
     alarms = [any(t.direction for t in told(life(seed)).trends) for seed in range(REPEATS)]
     assert sum(alarms) / REPEATS < 0.05 + 0.04
     assert told(life(0)).headline.startswith("no trend that could be told")
     assert all(t.until_limit is None for t in told(life(0)).trends)
 
 
-def test_where_the_viscosity_law_is_wrong_the_logs_own_regression_is_taken() -> None:
+def test_where_the_viscosity_law_is_wrong_the_logs_own_regression_is_taken():
     """Oil whose leakage goes with the root of what the profile's law says: chosen by likelihood, and told."""
     own = [leakage(life(seed, leaks_by=lambda warm: float(np.exp(-0.5 * warm)))) for seed in range(40)]
     assert sum(t.temperature == "regression" for t in own) >= 38
@@ -117,7 +117,7 @@ def test_where_the_viscosity_law_is_wrong_the_logs_own_regression_is_taken() -> 
     assert sum(t.temperature == "viscosity law" for t in lawful) >= 36
 
 
-def test_logs_stand_by_their_dates_else_by_their_names_and_it_is_said() -> None:
+def test_logs_stand_by_their_dates_else_by_their_names_and_it_is_said():
     answers = life(1, growth=1.0)
     answers[3].log, answers[9].log = "z.mcap", "a.mcap"
     shuffled = [answers[k] for k in np.random.default_rng(0).permutation(12)]
@@ -130,7 +130,7 @@ def test_logs_stand_by_their_dates_else_by_their_names_and_it_is_said() -> None:
     assert [x.at for x in undated.logs] == list(range(12))
 
 
-def test_what_cannot_be_read_or_has_a_failed_sensor_does_not_count() -> None:
+def test_what_cannot_be_read_or_has_a_failed_sensor_does_not_count_and_faults_stand_first():
     answers = life(2, growth=1.0)
     bad = [*answers, Diagnosis.unreadable("bad.csv", "bad.csv: the file is empty", {})]
     assert told(bad).trends == told(answers).trends and told(bad).logs[-1].left_out is not None
@@ -140,9 +140,6 @@ def test_what_cannot_be_read_or_has_a_failed_sensor_does_not_count() -> None:
     assert len(leakage(answers).points) == 11
     assert "sensor" in (told(answers).logs[4].left_out or "")
     assert trend_csv(told(bad)).count("\r\n") == 14
-
-
-def test_faults_stand_first_on_no_green_page_and_doubt_about_the_order_is_told() -> None:
     answers = life(2)
     answers[4] = alarmed(answers[4], "internal_leakage", "leakage")
     found, courses = trend_of(answers, LIMITS)
@@ -155,7 +152,7 @@ def test_faults_stand_first_on_no_green_page_and_doubt_about_the_order_is_told()
     assert all(float(c.line.min(initial=0.0)) >= 0.0 for c in trend_of(falling, LIMITS)[1])
 
 
-def test_too_few_logs_or_none_of_another_time_give_no_line_and_several_units_are_refused() -> None:
+def test_too_few_logs_or_none_of_another_time_give_no_line_and_several_units_are_refused():
     few, same = told(life(3, logs=3)), life(3)
     assert all(t.slope is None and "3 logs" in t.sentence for t in few.trends)
     for answer in same:
@@ -166,7 +163,7 @@ def test_too_few_logs_or_none_of_another_time_give_no_line_and_several_units_are
     assert "no log" in refused(lambda: told([Diagnosis.unreadable("bad.csv", "bad.csv: empty", {})]))
 
 
-def test_a_limit_that_is_passed_is_told_so_and_other_limits_come_from_the_catalogue() -> None:
+def test_a_limit_that_is_passed_is_told_so_and_other_limits_come_from_the_catalogue():
     found = leakage(life(5, growth=3.0))
     assert found.until_limit == 0.0 and "past 2.5" in found.sentence
     limits = severity_one(Unit.load("axis_a"))
@@ -179,7 +176,7 @@ def test_a_limit_that_is_passed_is_told_so_and_other_limits_come_from_the_catalo
         assert "--limit" in refused(partial(given_limits, [text]))
 
 
-def test_what_is_not_observable_at_the_end_is_taken_as_it_is_known_best() -> None:
+def test_what_is_not_observable_at_the_end_is_taken_as_it_is_known_best():
     plain = life(6)[0].estimates["leakage"]
     assert seen(plain) == (plain.value, plain.std)
     held = {"observable": False, "value": 2.0, "std": 0.2, "held": 1.0, "held_std": 0.1}
@@ -190,7 +187,7 @@ def test_what_is_not_observable_at_the_end_is_taken_as_it_is_known_best() -> Non
     assert seen(late.model_copy(update={"observable": True})) == (2.0, 0.2)
 
 
-def test_the_page_marks_alarms_and_keeps_text_of_logs_text() -> None:
+def test_the_page_marks_alarms_and_keeps_text_of_logs_text():
     answers = life(7, growth=1.0)
     answers[0].started_at = "2026-01-01T00:00:00.120000007Z"
     answers[5] = alarmed(answers[5], "internal_leakage", "leakage")
@@ -209,7 +206,7 @@ TIME = np.linspace(-1.0, 0.0, 12)
 DESIGN = np.column_stack([np.ones(12), TIME])
 
 
-def test_scatter_between_logs_is_the_closed_form_where_all_logs_know_as_much() -> None:
+def test_scatter_between_logs_is_the_closed_form_and_a_log_that_hardly_knows_counts_little():
     values = 1.0 + 0.5 * TIME + np.random.default_rng(1).normal(0.0, 0.1, 12)
     rest = values - DESIGN @ np.linalg.lstsq(DESIGN, values, rcond=None)[0]
     residual = float(rest @ rest) / 10.0
@@ -217,10 +214,18 @@ def test_scatter_between_logs_is_the_closed_form_where_all_logs_know_as_much() -
     line = fit_line(values, np.full(12, std), DESIGN)
     assert line.between == pytest.approx(np.sqrt(residual - std**2), rel=1e-3)
     assert fit_line(values, np.full(12, 3.0 * np.sqrt(residual)), DESIGN).between == 0.0
+    values, stds = 1.0 + 0.5 * TIME + 0.01 * np.cos(9.0 * TIME), np.full(12, 0.01)
+    wrong = values.copy()
+    wrong[5] += 1.0
+    stds[5] = 10.0
+    good, spoilt = (fit_line(v, stds, DESIGN).coefficients for v in (values, wrong))
+    assert np.abs(good - spoilt).max() < 1e-3
+    values = 1.0 + np.random.default_rng(4).normal(0.0, 0.1, 12)
+    assert fit_line(values, np.full(12, 0.1), DESIGN).crossing(5.0) is None
 
 
 @pytest.mark.parametrize("std", [1e-3, 0.05, 1.0])
-def test_equal_logs_give_ordinary_least_squares_and_its_t_interval(std: float) -> None:
+def test_equal_logs_give_ordinary_least_squares_and_its_t_interval(std):
     values = 1.0 + 0.5 * TIME + np.random.default_rng(2).normal(0.0, 0.1, 12)
     plain = linregress(TIME, values)
     line = fit_line(values, np.full(12, std), DESIGN)
@@ -230,19 +235,10 @@ def test_equal_logs_give_ordinary_least_squares_and_its_t_interval(std: float) -
     assert line.p_value(1) == pytest.approx(plain.pvalue, rel=1e-6)
 
 
-def test_a_log_that_hardly_knows_counts_little() -> None:
-    values, stds = 1.0 + 0.5 * TIME + 0.01 * np.cos(9.0 * TIME), np.full(12, 0.01)
-    wrong = values.copy()
-    wrong[5] += 1.0
-    stds[5] = 10.0
-    good, spoilt = (fit_line(v, stds, DESIGN).coefficients for v in (values, wrong))
-    assert np.abs(good - spoilt).max() < 1e-3
-
-
 @pytest.mark.parametrize(
     ("tau", "stds", "overstated"), [(0.05, 0.02, 1.0), (0.0, 0.02, 5.0), (0.1, 0.02, 1.0)]
 )
-def test_intervals_hold_the_truth_as_often_as_they_say(tau: float, stds: float, overstated: float) -> None:
+def test_intervals_hold_the_truth_as_often_as_they_say(tau, stds, overstated):
     """Slope at 95 %, time to a level at 80 % (Fieller), whatever the scatter is made of."""
     held = crossed = 0
     for seed in range(300):
@@ -261,7 +257,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(tau: float, stds: float, 
 
 
 @pytest.mark.parametrize("n", [4, 6])
-def test_few_logs_that_know_unequally_much_show_no_slope_but_one_in_twenty(n: int) -> None:
+def test_few_logs_that_know_unequally_much_show_no_slope_but_one_in_twenty(n):
     """Where τ is found to be 0, the log that says it knows best bends the line."""
     design = np.column_stack([np.ones(n), np.linspace(-1.0, 0.0, n)])
     told = 0
@@ -274,12 +270,7 @@ def test_few_logs_that_know_unequally_much_show_no_slope_but_one_in_twenty(n: in
     assert told / 400 < 0.05 + 0.028
 
 
-def test_a_slope_that_is_not_told_comes_to_no_level() -> None:
-    values = 1.0 + np.random.default_rng(4).normal(0.0, 0.1, 12)
-    assert fit_line(values, np.full(12, 0.1), DESIGN).crossing(5.0) is None
-
-
-def test_holms_rule_on_a_worked_example() -> None:
+def test_holms_rule_on_a_worked_example():
     """Five p values and what R's p.adjust(method="holm") makes of them."""
     assert holm([0.01, 0.02, 0.03, 0.04, 0.05]) == pytest.approx([0.05, 0.08, 0.09, 0.09, 0.09])
     assert holm([0.6, 0.001]) == pytest.approx([0.6, 0.002]) and holm([]) == []

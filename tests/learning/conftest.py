@@ -1,7 +1,5 @@
 """A small data set, and features that are drawn, not diagnosed: fast, and their distributions are known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +21,7 @@ RECIPE = {
 
 
 @pytest.fixture(scope="session")
-def few(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def few(tmp_path_factory) -> Path:
     """Five units of four logs of 3 s with three channels at 200 Hz; leaks in half of them."""
     folder = tmp_path_factory.mktemp("learning") / "few"
     generate(Recipe(**RECIPE), folder)
@@ -52,7 +50,7 @@ def drawn_rows(data: Dataset, apart: float, seed: int = 0) -> list[dict[str, Any
 
 
 @pytest.fixture(scope="session")
-def few_features(few: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def few_features(few, tmp_path_factory) -> Path:
     """Drawn features of `few`, that a classifier can tell leaks by."""
     data = Dataset.load(few)
     path = tmp_path_factory.mktemp("learning") / "features.parquet"

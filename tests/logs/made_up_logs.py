@@ -1,7 +1,5 @@
 """Made-up logs, and how an error line must look."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from itertools import pairwise
@@ -70,7 +68,7 @@ def parts(samples: Samples, edges: list[int], axis: str | None, thin: int = 10) 
 
 def refused_log(path: Path, *args: object, **kwargs: object) -> str:
     """The line that refuses a log; it must begin with the file."""
-    line = refused(lambda: read_log(path, *args, **kwargs))  # type: ignore[arg-type]
+    line = refused(lambda: read_log(path, *args, **kwargs))
     assert line.startswith(f"{path}: "), line
     return line
 
@@ -83,13 +81,9 @@ def assert_same(log: Log, samples: Samples) -> None:
 
 
 def mcap_of(
-    path: Path,
-    messages: Iterable[bytes],
-    topic: str = "/daq",
-    encoding: str = "json",
-    schema: tuple[str, str, bytes] | None = None,
-    **how: Any,
-) -> Path:
+    path: Path, messages: Iterable[bytes], topic: str = "/daq", encoding: str = "json",
+    schema: tuple[str, str, bytes] | None = None, start_ns: int = 0, **how: Any,
+) -> Path:  # fmt: skip
     """A file of messages a millisecond apart, as the library writes it."""
     with path.open("wb") as stream:
         writer = Writer(stream, **how)
@@ -97,7 +91,7 @@ def mcap_of(
         number = 0 if schema is None else writer.register_schema(*schema)
         channel = writer.register_channel(topic, encoding, number)
         for k, message in enumerate(messages):
-            writer.add_message(channel, k * 10**6, message, 0)
+            writer.add_message(channel, start_ns + k * 10**6, message, 0)
         writer.finish()
     return path
 
@@ -124,5 +118,4 @@ def messages(path: Path) -> list[tuple[int, str, dict[str, Any]]]:
 
 
 def of_topic(path: Path, topic: str) -> list[dict[str, Any]]:
-    """The messages of one topic."""
     return [fields for _, name, fields in messages(path) if name == topic]

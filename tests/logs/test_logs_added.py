@@ -1,7 +1,5 @@
 """Formats of packages: when they are asked, and that nothing unusable comes through."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,11 +35,8 @@ class Own(LogFile):
         return self.given.get("stamps", TIME)
 
 
-Add = Callable[..., None]
-
-
 @pytest.fixture
-def add(monkeypatch: pytest.MonkeyPatch) -> Iterator[Add]:
+def add(monkeypatch) -> Iterator[Callable[..., None]]:
     """Install a format of the files that begin with OWN."""
 
     def given(opener: Any, sniff: Any = lambda head: head.startswith(b"OWN"), name: str = "own") -> None:
@@ -55,29 +50,44 @@ def add(monkeypatch: pytest.MonkeyPatch) -> Iterator[Add]:
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path) -> Path:
     (tmp_path / "a.own").write_bytes(b"OWN 1\n")
     return tmp_path / "a.own"
 
 
-def test_a_log_of_a_package_is_read_as_any_other(add: Add, path: Path) -> None:
+def test_a_log_of_a_package_is_read_as_any_other_and_the_bounds_hold(add, path, monkeypatch):
     add(Own)
     found = read_log(path).samples
     np.testing.assert_array_equal(found["position"], COLUMNS["position"])
     np.testing.assert_array_equal(found.time, TIME)
     assert ".own" in suffixes()
 
+    def refuse(path: Path) -> LogFile:
+        raise InputError("the bench was off", where=path, mend="switch it on")
 
-def test_ours_come_first_and_text_last(add: Add, tmp_path: Path) -> None:
+    add(refuse)
+    assert refused_log(path) == f"{path}: the bench was off; switch it on"
+    add(Own)
+    monkeypatch.setenv("FDD_MAX_VALUES", str(3 * ROWS - 1))
+    with pytest.raises(InputError, match=f"{ROWS} rows and 3 columns, at most"):
+        read_log(path)
+    monkeypatch.setenv("FDD_MAX_VALUES", str(3 * ROWS))
+    assert len(read_log(path).samples) == ROWS
+    add(lambda path: Own(path, signals={str(k): Signal(str(k)) for k in range(5000)}))
+    with pytest.raises(InputError, match="5000 columns, at most 4096"):
+        open_log(path)
+    monkeypatch.setenv("FDD_MAX_LOG_BYTES", "5")
+    with pytest.raises(InputError, match="6 bytes, at most 5"):
+        open_log(path)
+
+
+def test_ours_come_first_and_text_last_and_its_suffix_alone_makes_no_text_its_own(add, tmp_path):
     add(Own, sniff=lambda head: True)
     (tmp_path / "a.parquet").write_bytes(b"PAR1 and nothing else")
     with pytest.raises(InputError, match="Parquet"):
         open_log(tmp_path / "a.parquet")
     (tmp_path / "a.csv").write_text(TEXT, "utf-8")
     assert isinstance(open_log(tmp_path / "a.csv"), registry.CheckedLog)
-
-
-def test_text_of_its_suffix_is_not_its_own_where_the_suffix_is_ours_too(add: Add, tmp_path: Path) -> None:
     add(Own)
     (tmp_path / "a.txt").write_text(TEXT, "utf-8")
     assert set(open_log(tmp_path / "a.txt").signals) == {"time", "position"}
@@ -107,42 +117,17 @@ BAD: dict[str, Callable[[Path], Any]] = {
 
 
 @pytest.mark.parametrize("problem", BAD)
-def test_what_nothing_can_be_made_of_is_refused_with_the_package(add: Add, path: Path, problem: str) -> None:
+def test_what_nothing_can_be_made_of_is_refused_with_the_package(add, path, problem):
     add(BAD[problem])
     line = refused_log(path)
     assert line.startswith(f"{path}: package made-up 1.0, which reads it, ") and problem in line
-
-
-def test_its_own_refusals_are_told_as_they_are(add: Add, path: Path) -> None:
-    def refuse(path: Path) -> LogFile:
-        raise InputError("the bench was off", where=path, mend="switch it on")
-
-    add(refuse)
-    assert refused_log(path) == f"{path}: the bench was off; switch it on"
-
-
-def test_the_bounds_hold(add: Add, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    add(Own)
-    monkeypatch.setenv("FDD_MAX_VALUES", str(3 * ROWS - 1))
-    with pytest.raises(InputError, match=f"{ROWS} rows and 3 columns, at most"):
-        read_log(path)
-    monkeypatch.setenv("FDD_MAX_VALUES", str(3 * ROWS))
-    assert len(read_log(path).samples) == ROWS
-    add(lambda path: Own(path, signals={str(k): Signal(str(k)) for k in range(5000)}))
-    with pytest.raises(InputError, match="5000 columns, at most 4096"):
-        open_log(path)
-    monkeypatch.setenv("FDD_MAX_LOG_BYTES", "5")
-    with pytest.raises(InputError, match="6 bytes, at most 5"):
-        open_log(path)
 
 
 @pytest.mark.parametrize(
     ("opener", "sniff", "problem"),
     [("no format", None, "is no Format"), (Own, fails, "cannot tell its files (IndexError")],
 )
-def test_one_that_cannot_be_asked_keeps_no_other_log_from_being_read(
-    add: Add, tmp_path: Path, capsys: pytest.CaptureFixture[str], opener: Any, sniff: Any, problem: str
-) -> None:
+def test_one_that_cannot_be_asked_keeps_no_log_from_being_read(add, tmp_path, capsys, opener, sniff, problem):
     add(opener, sniff=sniff)
     (tmp_path / "a.csv").write_text(TEXT, "utf-8")
     assert set(open_log(tmp_path / "a.csv").signals) == {"time", "position"}

@@ -1,9 +1,6 @@
 """Channel maps: both forms, what a wrong map is told; conversions of units, counts, valves and speeds."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -27,7 +24,7 @@ channels:
 """
 
 
-def test_long_and_short_form() -> None:
+def test_long_and_short_form():
     long = ChannelMap.from_yaml(LONG)
     assert (long.name, long.axis, long.csv.delimiter, long.csv.skip_rows) == ("some rig", "left", ";", 2)
     short = ChannelMap.from_yaml(
@@ -65,16 +62,15 @@ def test_long_and_short_form() -> None:
         ("schema: fdd.map/9\nposition: {topic: /a, field: x}", ["schema"]),
     ],
 )  # fmt: skip
-def test_a_wrong_map_is_told_where_and_what(text: str, said: list[str], tmp_path: Path) -> None:
+def test_a_wrong_map_is_told_where_and_what(text, said, tmp_path):
     path = tmp_path / "map.yaml"
     path.write_text(text)
     line = refused(lambda: ChannelMap.load(path))
     assert line.startswith(f"{path}: ")
-    for part in said:
-        assert part in line, line
+    assert [part for part in said if part not in line] == [], line
 
 
-def test_every_conversion_of_a_table(tmp_path: Path) -> None:
+def test_every_conversion_of_a_table(tmp_path):
     """A foreign CSV in other units, checked against figures worked out by hand."""
     row = np.arange(3000)
     foreign = pd.DataFrame(
@@ -116,7 +112,7 @@ def test_every_conversion_of_a_table(tmp_path: Path) -> None:
     np.testing.assert_allclose(samples["oil_temperature"], 40.0)
 
 
-def test_time_of_day_in_a_table_counts_from_the_start(tmp_path: Path) -> None:
+def test_time_of_day_in_a_table_counts_from_the_start(tmp_path):
     whole = frame(3000)
     dated = whole.assign(time=pd.Timestamp("2024-10-18 12:00:00") + pd.to_timedelta(whole["time"], unit="s"))
     dated.to_parquet(tmp_path / "a.parquet", index=False)
@@ -132,7 +128,7 @@ def test_time_of_day_in_a_table_counts_from_the_start(tmp_path: Path) -> None:
     assert "the clock starts at 1700000000.000 s" in " ".join(log.quality.notes)
 
 
-def test_a_delay_is_taken_out(tmp_path: Path) -> None:
+def test_a_delay_is_taken_out(tmp_path):
     samples = strokes(3000)
     late = np.interp(samples.time - 0.005, samples.time, samples["position"])
     columns = {**samples.columns, "position": late}
@@ -145,7 +141,7 @@ def test_a_delay_is_taken_out(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.integers(-2047, 2047), min_size=1, max_size=50), st.sets(st.integers(0, 49)))
-def test_unwrapping_gives_counts_back(steps: list[int], missing: set[int]) -> None:
+def test_unwrapping_gives_counts_back(steps, missing):
     """An encoder of 4096 counts, rows missing between small steps."""
     small = [s // 8 for s in steps] if missing else steps
     true = 100.0 + np.cumsum([0, *small])
@@ -160,7 +156,7 @@ def test_unwrapping_gives_counts_back(steps: list[int], missing: set[int]) -> No
     assert np.isnan(out[~there]).all()
 
 
-def test_count_differences_add_up_exactly_with_missing_rows() -> None:
+def test_count_differences_add_up_with_missing_rows_bridged_but_not_over_a_long_gap():
     """Speed as count difference per nominal millisecond, rows missing, stamps late, constant speed."""
     rng = np.random.default_rng(3)
     count = 9.587e-5
@@ -174,9 +170,6 @@ def test_count_differences_add_up_exactly_with_missing_rows() -> None:
     keep = np.setdiff1d(np.arange(20_000), dropped)
     angle = accumulate_speed(time[keep], speed[keep], 1e-3)
     np.testing.assert_allclose(angle, (counts[keep] - counts[0]) * count, atol=1e-9)
-
-
-def test_a_ramp_is_bridged_by_the_mean_of_the_neighbours() -> None:
     time, speed = np.arange(1000) * 1e-3, np.linspace(0.0, 50.0, 1000)
     whole = accumulate_speed(time, speed, 1e-3)
     keep = np.setdiff1d(np.arange(1000), np.r_[300:308, 500])
@@ -187,9 +180,6 @@ def test_a_ramp_is_bridged_by_the_mean_of_the_neighbours() -> None:
     bridged = accumulate_speed(time, missing, 1e-3)
     np.testing.assert_allclose(bridged[keep], whole[keep], atol=1e-12)
     assert np.isnan(bridged[305])
-
-
-def test_nothing_is_made_up_over_a_long_gap() -> None:
     time = np.array([0.0, 0.001, 5.0, 5.001])
     angle = accumulate_speed(time, np.full(4, 100.0), 1e-3)
     np.testing.assert_allclose(angle, [0.0, 0.1, 0.2, 0.3])
@@ -200,7 +190,7 @@ steps_and_valves = st.tuples(st.integers(-5, 5), st.sampled_from([-1000.0, 0.0, 
 
 
 @given(st.lists(steps_and_valves, min_size=1, max_size=40))
-def test_a_valve_gives_each_step_its_sign(rows: list[tuple[int, float]]) -> None:
+def test_a_valve_gives_each_step_its_sign(rows):
     steps, valve = (np.array(c, dtype=float) for c in zip(*rows, strict=True))
     raw = np.cumsum(steps)
     expected, at = [raw[0]], raw[0]
@@ -211,7 +201,7 @@ def test_a_valve_gives_each_step_its_sign(rows: list[tuple[int, float]]) -> None
     np.testing.assert_array_equal(directed(raw, valve, accumulate=False), raw * np.sign(valve))
 
 
-def test_an_unknown_valve_keeps_its_last_direction_and_before_the_first_tells_none() -> None:
+def test_an_unknown_valve_keeps_its_last_direction_and_before_the_first_tells_none():
     valve = np.array([np.nan, 1.0, np.nan, -1.0, np.nan])
     np.testing.assert_array_equal(directed(np.full(5, 2.0), valve, accumulate=False), [np.nan, 2, 2, -2, -2])
 
@@ -221,7 +211,7 @@ def test_an_unknown_valve_keeps_its_last_direction_and_before_the_first_tells_no
     st.lists(st.floats(-0.5, 0.5), min_size=60, max_size=60),
     st.floats(-1e-4, 1e-4),
 )
-def test_late_stamps_neither_lose_nor_make_rows(gaps: list[int], late: list[float], drift: float) -> None:
+def test_late_stamps_neither_lose_nor_make_rows(gaps, late, drift):
     """Rows on a grid with gaps, every third late or early by up to half a period; a clock that drifts."""
     wanted = np.concatenate(([0], np.cumsum(gaps)))
     lateness = np.array([0.0 if k % 3 else late[k % 60] for k in range(wanted.size)])

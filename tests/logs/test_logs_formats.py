@@ -1,9 +1,8 @@
-"""Files that other projects' own writers make, in every format, are equal after reading to 1e-12 of range."""
-
-from __future__ import annotations
+"""Files that other projects' own writers make, in every format and habit, are equal after reading."""
 
 import sys
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,12 +12,15 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from made_up_logs import refused_log, strokes
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats import open_log
+from fdd.logs.formats.text_layout import stamps_to_seconds
 from fdd.samples import Samples
 
 SAMPLES = strokes(3000)
@@ -139,7 +141,7 @@ def assert_equal(read: Samples) -> None:
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_a_file_of_every_format_is_read(kind: str, tmp_path: Path) -> None:
+def test_a_file_of_every_format_is_read(kind, tmp_path):
     path = file_of(kind, tmp_path)
     assert_equal(read_log(path, _with_time(path)).samples)
 
@@ -155,7 +157,7 @@ def _with_time(path: Path) -> ChannelMap:
 
 
 @pytest.mark.parametrize("kind", ["HDF5", "MDF 4"])
-def test_a_slow_signal_has_its_own_stamps(kind: str, tmp_path: Path) -> None:
+def test_a_slow_signal_has_its_own_stamps(kind, tmp_path):
     text = "\n".join(f"{c}: {{column: {n}}}" for c, (n, _, _) in FOREIGN.items())
     channel_map = ChannelMap.from_yaml(text + "\noil_temperature: {column: oil_temperature}")
     log = read_log(file_of(kind, tmp_path), channel_map)
@@ -167,9 +169,7 @@ def test_a_slow_signal_has_its_own_stamps(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", WRITERS)
 @pytest.mark.parametrize("share", [0.3, 0.9])
-def test_a_cut_file_is_read_as_far_as_it_goes_or_refused_in_one_line(
-    kind: str, share: float, tmp_path: Path
-) -> None:
+def test_a_cut_file_is_read_as_far_as_it_goes_or_refused_in_one_line(kind, share, tmp_path):
     path = file_of(kind, tmp_path, share)
     try:
         log = read_log(path, _with_time(path))
@@ -181,15 +181,97 @@ def test_a_cut_file_is_read_as_far_as_it_goes_or_refused_in_one_line(
         np.testing.assert_allclose(log.samples["position"], SAMPLES["position"][:rows], atol=1e-9)
 
 
-def test_a_name_that_two_groups_have(tmp_path: Path) -> None:
+def test_a_name_that_two_groups_have_and_an_extra_that_is_not_there(tmp_path, monkeypatch):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         for group in ("left", "right"):
             file[f"{group}/position"] = np.arange(10.0)
     line = refused_log(tmp_path / "a.h5", ChannelMap.from_yaml("position: {column: position}"))
     assert "2 columns are called 'position'" in line and "left/position, right/position" in line
-
-
-def test_what_an_extra_reads_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.mf4").write_bytes(b"MDF     4.10    " + bytes(200))
     monkeypatch.setitem(sys.modules, "asammdf", None)
     assert "pip install 'fdd[mdf]'" in refused_log(tmp_path / "a.mf4")
+
+
+CHANNELS = ("time", "position", "pump_angle", "pressure_difference")
+
+
+def rows(separator: str = ",", decimal: str = ".", thousands: str = "", stamps: Any = None) -> str:
+    """The log's rows; pressures in Pa to a tenth, the rest to nine decimals."""
+    signs, out = str.maketrans(",.", f"\0{decimal}"), []
+    for k in range(len(SAMPLES)):
+        cells = [stamps[k] if stamps else f"{SAMPLES.time[k]:.3f}".translate(signs)]
+        cells += [f"{SAMPLES[c][k]:.9f}".translate(signs) for c in ("position", "pump_angle")]
+        cells += [f"{SAMPLES['pressure_difference'][k]:,.1f}".translate(signs).replace("\0", thousands)]
+        out.append(separator.join(f'"{c}"' if separator in c else c for c in cells))
+    return "\n".join(out) + "\n"
+
+
+def dated(form: str) -> list[str]:
+    times = pd.Timestamp("2026-03-04 10:15:00") + pd.to_timedelta(SAMPLES.time, unit="s")
+    return [t.strftime(form) for t in times]
+
+
+HEAD = ",".join(CHANNELS) + "\n"
+GERMAN_HEAD = HEAD.replace(",", ";")
+GERMAN_HEAD = HEAD.replace(",", ";")
+TEXTS: dict[str, tuple[str, str]] = {
+    "plain": (HEAD + rows(), "utf-8"),
+    "sep= line": ("sep=;\r\n" + GERMAN_HEAD + rows(";", ","), "cp1252"),
+    "titles, comments": (
+        "Prüfstand 3\nBediener: Müller\n# calibrated\n\n" + GERMAN_HEAD + rows(";", ","), "cp1252",
+    ),
+    "a row of units": (HEAD + "s,m,rad,Pa\n" + rows(), "utf-8"),
+    "units in brackets": (HEAD + "[s],[m],[rad],[Pa]\n" + rows(), "utf-8-sig"),
+    "thousands, quoted": (HEAD + rows(",", ".", ","), "utf-8"),
+    "thousands, German": (GERMAN_HEAD + rows(";", ",", "."), "utf-8"),
+    "thousands, Swiss": (HEAD.replace(",", "\t") + rows("\t", ".", "'"), "utf-8"),
+    "German dates": (GERMAN_HEAD + rows(";", ",", "", dated("%d.%m.%Y %H:%M:%S,%f")), "cp1252"),
+    "ISO dates, comma": (GERMAN_HEAD + rows(";", ",", "", dated("%Y-%m-%d %H:%M:%S,%f")), "utf-8"),
+    "American dates": (HEAD + rows(",", ".", "", dated("%m/%d/%Y %I:%M:%S.%f %p")), "utf-8"),
+    "a clock alone": (HEAD + rows(",", ".", "", dated("%H:%M:%S.%f")), "utf-8"),
+    "a date with a zone": (HEAD + rows(",", ".", "", dated("%Y-%m-%dT%H:%M:%S.%fZ")), "utf-8"),
+    "a separator at the end": (HEAD.replace("\n", ",\n") + rows().replace("\n", ",\n"), "utf-8"),
+    "UTF-16": (HEAD.replace(",", "\t") + rows("\t"), "utf-16"),
+    "other line ends": ((HEAD + rows()).replace("\n", "\r\n"), "utf-8"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("habit", TEXTS)
+def test_every_habit_gives_the_same_samples(habit, tmp_path):
+    text, encoding = TEXTS[habit]
+    (tmp_path / "log.csv").write_bytes(text.encode(encoding))
+    log = read_log(tmp_path / "log.csv")
+    np.testing.assert_allclose(log.samples.time, SAMPLES.time, atol=1e-6)
+    for channel in CHANNELS[1:]:
+        atol = 0.051 if channel == "pressure_difference" else 1e-9
+        np.testing.assert_allclose(log.samples[channel], SAMPLES[channel], atol=atol, err_msg=channel)
+    if "date" in habit or habit == "ISO dates, comma":
+        assert log.start_ns == pd.Timestamp("2026-03-04 10:15:00").value
+
+
+def test_columns_of_dates_and_clocks_rows_of_units_and_bad_cells(tmp_path):
+    text = rows(",", ".", "", dated("%d.%m.%Y,%H:%M:%S.%f")).replace('"', "")
+    (tmp_path / "log.csv").write_text("Datum,Uhrzeit,position,pump_angle,pressure_difference\n" + text)
+    entries = "".join(f"{c}: {{column: {c}}}\n" for c in CHANNELS[1:])
+    log = read_log(tmp_path / "log.csv", ChannelMap.from_yaml(entries + "time: {column: Datum Uhrzeit}"))
+    np.testing.assert_allclose(log.samples.time, SAMPLES.time, atol=1e-6)
+    text = "time,position,pump_angle,pressure_difference\ns,µm,°,bar\n" + rows()
+    (tmp_path / "log.csv").write_bytes(text.encode("cp1252"))
+    assert "more than any hydraulic circuit holds" in refused_log(tmp_path / "log.csv")  # 2e5 "bar"
+    lines = ("Title\n" + GERMAN_HEAD + rows(";", ",", ".")).splitlines()
+    lines[1000] = lines[1000].rsplit(";", 1)[0] + ";12,3,4"
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    assert "line 1001, column 'pressure_difference': '12,3,4'" in refused_log(tmp_path / "log.csv")
+
+
+@given(
+    st.lists(st.datetimes(pd.Timestamp("1980-01-01"), pd.Timestamp("2060-01-01")), min_size=1, max_size=20),
+    st.sampled_from(
+        ["%d.%m.%Y %H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S.%f", "%Y/%m/%d %H:%M:%S", "%d.%m.%y %H:%M:%S"]
+    ),
+)
+def test_stamps_against_the_standard_library(stamps, form):
+    texts = [s.strftime(form) for s in stamps]
+    wanted = [datetime.strptime(t, form).replace(tzinfo=UTC).timestamp() for t in texts]
+    seconds, start, _ = stamps_to_seconds(texts)
+    np.testing.assert_allclose(seconds + start * 1e-9, wanted, atol=2e-6)

@@ -1,7 +1,5 @@
 """Proposed maps: names by language and trade, units, signs, and counts of which only the physics tells."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -25,6 +23,7 @@ from fdd.logs.mapping.concepts import name_scores
 from fdd.measures import Measure, find_measure
 from fdd.samples import CHANNELS, Samples
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 RIGS = yaml.safe_load(Path(__file__).with_name("rig_names.yaml").read_text("utf-8"))
 OTHERS = {"winding": (45.0, 0.1), "case": (1.5, 0.0), "ambient": (21.0, 0.0)}
 """What rigs record besides: level and drift a second, in the units of the table."""
@@ -37,9 +36,7 @@ def log() -> Samples:
     return simulate("axis_a", Scenario(duration=30.0, seed=3, **duty)).samples
 
 
-def written(
-    samples: Samples, rig: dict[str, Any], path: Path, turned: tuple[str, ...] = (), every: int = 1
-) -> dict[str, str]:
+def written(samples: Samples, rig: dict, path: Path, turned: Any = (), every: int = 1) -> dict[str, str]:
     """Rows of the log as the rig writes them, some channels with the other sign; channel to column."""
     columns, names = {}, {}
     for name, (what, unit) in rig["signals"].items():
@@ -59,7 +56,7 @@ def written(
 
 
 @pytest.mark.parametrize("rig", RIGS)
-def test_every_channel_is_found_and_nothing_else(rig: str, log: Samples, tmp_path: Path) -> None:
+def test_every_channel_is_found_and_nothing_else(rig, log, tmp_path):
     path = tmp_path / "log.csv"
     names = written(log, RIGS[rig], path, every=4)
     found = propose(open_log(path))
@@ -87,7 +84,7 @@ TURNED = {
 
 
 @pytest.mark.parametrize("what", TURNED)
-def test_a_turned_sign_is_found_by_the_volume_balance(what: str, log: Samples, tmp_path: Path) -> None:
+def test_a_turned_sign_is_found_by_the_volume_balance(what, log, tmp_path):
     """Pump and position turned together cannot be told from swapped chambers, and are read as these."""
     written(log, RIGS["german table"], tmp_path / "log.csv", TURNED[what])
     found = propose(open_log(tmp_path / "log.csv"))
@@ -101,9 +98,7 @@ def test_a_turned_sign_is_found_by_the_volume_balance(what: str, log: Samples, t
     assert bool(found.notes) == (what != "the difference")
 
 
-def test_sides_that_names_tell_turn_the_motion_and_a_sensors_name_tells_none(
-    log: Samples, tmp_path: Path
-) -> None:
+def test_sides_that_names_tell_turn_the_motion_and_a_sensors_name_tells_none(log, tmp_path):
     """Pump and position turned; "capteur", French for sensor, is no cap."""
     rig = RIGS["capitals with units"]
     written(log, rig, tmp_path / "log.csv", PUMP + MOTION)
@@ -118,7 +113,7 @@ def test_sides_that_names_tell_turn_the_motion_and_a_sensors_name_tells_none(
     assert found.rows["position"].source.sign == 1
 
 
-def test_what_no_unit_tells_is_asked_with_the_likeliest_first(log: Samples, tmp_path: Path) -> None:
+def test_what_no_unit_tells_is_asked_and_a_scale_keeps_the_sign_that_was_found(log, tmp_path):
     frame = pd.DataFrame({"t": log.time, "w": log["pump_speed"], "x_mm": 1e3 * log["position"],
                           "p1": log["pressure_1"] / 1e3, "p2": log["pressure_2"] / 1e3})  # fmt: skip
     frame.to_csv(tmp_path / "log.csv", index=False)
@@ -128,18 +123,23 @@ def test_what_no_unit_tells_is_asked_with_the_likeliest_first(log: Samples, tmp_
     read = read_log(tmp_path / "log.csv", found.channel_map()).samples
     np.testing.assert_allclose(read["pressure_1"], log["pressure_1"], rtol=1e-9)
     np.testing.assert_allclose(read["pump_speed"], log["pump_speed"], atol=1e-9)
+    # A position that counts backwards takes pumping's sign, and its offset with it.
+    columns = {"time_s": log.time, "speed_rpm": log["pump_speed"] * 30.0 / np.pi,
+               "position": np.round(-1e5 * log["position"]) + 5000.0,
+               "p1_bar": log["pressure_1"] / 1e5, "p2_bar": log["pressure_2"] / 1e5}  # fmt: skip
+    pd.DataFrame(columns).to_csv(tmp_path / "log.csv", index=False)
+    found = propose(open_log(tmp_path / "log.csv"), given=given_of(["position=*0.01-50:mm"]))
+    read = read_log(tmp_path / "log.csv", found.channel_map()).samples
+    np.testing.assert_allclose(read["position"], log["position"], atol=1e-5)
 
 
-def test_what_the_user_knows_goes_first(log: Samples, tmp_path: Path) -> None:
+def test_what_the_user_knows_and_calls_it_goes_first(log, tmp_path):
     written(log, RIGS["french"], tmp_path / "log.csv")
     chambers = {"Pression chambre 1 (bar)", "Pression chambre 2 (bar)"}
     options = [f"pressure_{k}={name}" for k, name in zip((2, 1), sorted(chambers), strict=True)]
     found = propose(open_log(tmp_path / "log.csv"), None, given_of([*options, "motor_current="]))
     assert {found.rows[c].source.column for c in ("pressure_1", "pressure_2")} == chambers
     assert "motor_current" not in found.rows and "Courant moteur (A)" in found.unused
-
-
-def test_own_words(tmp_path: Path) -> None:
     (tmp_path / "words.yaml").write_text("schema: fdd.words/1\nwords: {position: [schuifpositie]}\n")
     words = Words(tmp_path / "words.yaml")
     scores = name_scores(Signal("Schuifpositie"), words)
@@ -150,7 +150,7 @@ WORDS = Words()
 
 
 @given(st.text(max_size=40), st.text(max_size=8))
-def test_any_name_and_unit_have_scores(name: str, unit: str) -> None:
+def test_any_name_and_unit_have_scores(name, unit):
     scores = name_scores(Signal(name, unit=unit), WORDS)
     assert all(np.isfinite(s) for s in scores.values())
 
@@ -159,7 +159,7 @@ SUFFIXES = {"rig0": "csv", "rig1": "parquet", "rig2": "h5", "rig3": "mf4", "rig4
 
 
 @pytest.mark.parametrize("rig", SUFFIXES)
-def test_rigs_that_we_did_not_build(rig: str, rig_logs: Path) -> None:
+def test_rigs_that_we_did_not_build(rig, rig_logs):
     """A rig's baseline gives one question at most, and the map that its notes ask for."""
     if rig == "rig3":
         pytest.importorskip("asammdf", reason="MDF files need the extra fdd[mdf]")
@@ -167,7 +167,7 @@ def test_rigs_that_we_did_not_build(rig: str, rig_logs: Path) -> None:
     assert len(found.questions) == (rig == "rig4")
     if found.questions:
         found.answer(found.questions[0], "kPa")
-    wanted = ChannelMap.load(Path(__file__).parents[2] / "examples" / f"{rig}.map.yaml").channels
+    wanted = ChannelMap.load(EXAMPLES / f"{rig}.map.yaml").channels
     assert {c: r.source for c, r in found.rows.items()} == wanted
     assert (wanted["position"].sign == -1) == (rig == "rig3")
 
@@ -213,7 +213,7 @@ def stripped(samples: Samples, path: Path, seed: int, *, one_way: bool) -> dict[
 
 
 @pytest.mark.parametrize("rig", SHAFTS)
-def test_counts_without_names_are_read_but_for_their_scales(rig: str, tmp_path: Path) -> None:
+def test_counts_without_names_are_read_but_for_their_scales(rig, tmp_path):
     """Position and pressures are to be named; with their scales given nothing is left to ask."""
     unit, duty, load, seed, one_way = SHAFTS[rig]
     scenario = Scenario(duration=30.0, seed=seed, duty={"name": duty}, load={"name": load})
@@ -246,7 +246,7 @@ def test_counts_without_names_are_read_but_for_their_scales(rig: str, tmp_path: 
         assert slope == pytest.approx(1.0, abs=0.01), channel
 
 
-def test_a_saw_tooth_is_an_angle_and_a_switch_or_a_spike_is_none() -> None:
+def test_a_saw_tooth_is_an_angle_and_a_switch_or_a_spike_is_none():
     rng = np.random.default_rng(1)
     turned = np.cumsum(rng.uniform(5.0, 60.0, 20_000))
     assert counts_a_turn(np.floor(turned % 4096.0)) == 4096.0
@@ -270,18 +270,92 @@ def test_a_saw_tooth_is_an_angle_and_a_switch_or_a_spike_is_none() -> None:
         ("presure_1=adc", "no channel"),
     ],
 )
-def test_what_a_user_says_is_read_strictly(option: str, said: str) -> None:
+def test_what_a_user_says_is_read_strictly(option, said):
     with pytest.raises(InputError, match=said):
         given_of([option])
     assert given_of(["pressure_1=adc*two:bar"])["pressure_1"].signal == "adc*two", "a name may hold a star"
 
 
-def test_a_scale_keeps_the_sign_that_was_found(log: Samples, tmp_path: Path) -> None:
-    """A position that counts backwards takes pumping's sign, and its offset with it."""
-    columns = {"time_s": log.time, "speed_rpm": log["pump_speed"] * 30.0 / np.pi,
-               "position": np.round(-1e5 * log["position"]) + 5000.0,
-               "p1_bar": log["pressure_1"] / 1e5, "p2_bar": log["pressure_2"] / 1e5}  # fmt: skip
-    pd.DataFrame(columns).to_csv(tmp_path / "log.csv", index=False)
-    found = propose(open_log(tmp_path / "log.csv"), given=given_of(["position=*0.01-50:mm"]))
-    read = read_log(tmp_path / "log.csv", found.channel_map()).samples
-    np.testing.assert_allclose(read["position"], log["position"], atol=1e-5)
+REQUIRED = {"position", "pressure_difference", "pressure_1", "pressure_2"}
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.map.yaml")), ids=lambda p: p.name)
+def test_example_maps_are_valid(path):
+    assert set(ChannelMap.load(path).channels) >= REQUIRED - {"pressure_difference"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", ["rig1", "rig4"])
+def test_every_rig_log_is_read(rig_logs, rig):
+    channel_map = ChannelMap.load(EXAMPLES / f"{rig}.map.yaml")
+    paths = sorted((rig_logs / rig).iterdir())
+    assert len(paths) >= 11
+    for path in paths:
+        log = read_log(path, channel_map)
+        quality = log.quality
+        assert set(log.samples.channels) >= REQUIRED and log.axis
+        assert quality.period == 0.001 and quality.time_jumps == 0
+        # The rigs' description: about 0.1 % of the rows are missing, some stamps are late.
+        assert 0.0003 < quality.dropped_samples / len(log.samples) < 0.003
+        assert quality.nan_samples < 0.01 * len(log.samples)
+        assert np.abs(log.samples["position"]).max() < 0.16
+
+
+@pytest.mark.parametrize("rig", ["rig1", "rig4"])
+def test_pump_and_cylinder_agree_where_the_load_is_light(rig_logs, rig):
+    """Fast motion, a tenth of a second at a time, at low pressure (little leakage): the thesis's transmission
+    D/A = 3.66e-4 m/rad within the rigs' spread, both ways, positive out."""
+    baseline = next((rig_logs / rig).glob("baseline.*"))
+    samples = read_log(baseline, EXAMPLES / f"{rig}.map.yaml").samples
+    turned = samples["pump_angle"][100::100] - samples["pump_angle"][:-100:100]
+    moved = samples["position"][100::100] - samples["position"][:-100:100]
+    light = np.abs(samples["pressure_difference"][50::100][: turned.size]) < 4e5
+    for direction in (1, -1):
+        fast = light & (direction * turned > 4.0)
+        assert fast.sum() > 20
+        assert np.median(moved[fast] / turned[fast]) == pytest.approx(3.66e-4, rel=0.2)
+
+
+SCALES = [
+    "position=ADC1_Channel_14*0.025:mm", "pressure_1=ADC1_Channel_2*0.0625-0.625:bar",
+    "pressure_2=ADC1_Channel_3*0.07576-18.333:bar",
+]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_map_of_every_third_healthy_bench_run_has_the_same_channels_and_signs(bench):
+    """Columns without names or units; the angle counts down, and the loop's rpm are 1.136 times those of the
+    encoder's counts."""
+    numbers = {"pump_angle": 6, "pump_speed": 10, "position": 14, "pressure_1": 2, "pressure_2": 3}
+    columns = {channel: f"ADC1_Channel_{k}" for channel, k in numbers.items()}
+    paths = sorted(p for s in ("session_17oct", "session_18oct") for p in (bench / s).glob("*.csv"))
+    assert len(paths) == 26
+    for path in paths[::3]:
+        found = propose(open_log(path), given=given_of(SCALES))
+        assert not found.questions, path.name
+        sources = {c: found.rows[c].source for c in columns}
+        assert {c: s.column for c, s in sources.items()} == columns, path.name
+        angle, speed = sources["pump_angle"], sources["pump_speed"]
+        assert (angle.sign, angle.wrap, angle.sign_of) == (-1, 4096.0, "ADC1_Channel_16"), path.name
+        assert (speed.sign, speed.unit) == (1, "rpm") and speed.scale == pytest.approx(1.0 / 1.136, rel=2e-3)
+        signs = {c: s.sign for c, s in sources.items() if c != "pump_angle"}
+        assert set(signs.values()) == {1} and not any(s.delay for s in sources.values()), path.name
+        if "command" in found.rows:
+            assert found.rows["command"].source.column == "ADC1_Channel_9", path.name
+
+
+def test_bench_signs_and_gains(bench, bench_map):
+    """The unloaded 50 mm run goes out with positive pump motion and pressure in chamber 1, and back with
+    negative motion and pressure in chamber 2."""
+    samples = read_log(bench / "session_18oct" / "exp_data_1_4.csv", bench_map).samples
+    out = (samples.time > 4.5) & (samples.time < 7.0)
+    back = (samples.time > 12.5) & (samples.time < 15.0)
+    gain = {}
+    for name, rows, direction in (("out", out, 1), ("back", back, -1)):
+        turned, moved = (np.ptp(samples[c][rows]) for c in ("pump_angle", "position"))
+        assert direction * np.median(np.diff(samples["pump_angle"][rows])) > 0
+        assert direction * (samples["position"][rows][-1] - samples["position"][rows][0]) > 0.02
+        assert direction * samples["pressure_difference"][rows].mean() > 5e5
+        gain[name] = moved / turned
+    assert gain["out"] == pytest.approx(1.25e-4, rel=0.05)
+    assert 1.35 < gain["back"] / gain["out"] < 1.55

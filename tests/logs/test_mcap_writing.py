@@ -1,9 +1,6 @@
 """What is written as MCAP, as the libraries of MCAP and Protobuf read it."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -32,9 +29,7 @@ def bits(values: object) -> list[int]:
     st.sampled_from([1, 2, 14, 15, 16, 17, 130]), st.integers(0, 2**62),  # tags of one and of two bytes
 )  # fmt: skip
 @settings(max_examples=20, deadline=None)
-def test_every_value_comes_back_to_the_bit(
-    values: list[float], others: list[float], fields: int, start_ns: int
-) -> None:
+def test_every_value_comes_back_to_the_bit(values, others, fields, start_ns):
     n = len(values)
     columns = {f"c{k}": np.roll(np.resize([*values, *others], n), k) for k in range(fields)}
     columns |= {"g.x": np.array(values), "g.h.y": np.array(values)[::-1], "g.h.up": np.array(values) > 0.0}
@@ -53,15 +48,21 @@ def test_every_value_comes_back_to_the_bit(
     assert [m["g"]["h"]["up"] for m in read] == [v > 0.0 for v in values]
 
 
-def test_an_infinity_is_written_as_nan(tmp_path: Path) -> None:
+def test_infinities_are_nan_and_empty_blocks_and_runs_are_nothing(tmp_path):
     with mcap_file(tmp_path / "a.mcap") as out:
         out.add_columns({"/t": {"time": [0, 1, 2], "std": [np.inf, 1.5, -np.inf], "count": [3, 4, 5]}})
     read = of_topic(tmp_path / "a.mcap", "/t")
     assert bits([m["std"] for m in read]) == bits([np.nan, 1.5, np.nan])
     assert [m["count"] for m in read] == [3.0, 4.0, 5.0]
+    path, none = tmp_path / "a.mcap", A.rows(0, 0)
+    write_blocks(path, [RunBlock(none, {"leakage": []}), *parts(A, [0, 600, 600], None, 0)], axes=["a"])
+    assert bits([m["time"] for _, _, m in messages(path)]) == bits(A.time)
+    for blocks in ([], [RunBlock(none)]):
+        write_blocks(path, blocks, axes=["a"])
+        assert messages(path) == []
 
 
-def mixed(seed: int, *queues: list[RunBlock]) -> Iterator[RunBlock]:
+def mixed(seed: int, *queues: list[RunBlock]):
     """The blocks of several axes in a random order, each axis's in its own."""
     choice = np.random.default_rng(seed)
     left = [list(q) for q in queues]
@@ -73,7 +74,7 @@ def mixed(seed: int, *queues: list[RunBlock]) -> Iterator[RunBlock]:
 
 @given(first=cuts, second=cuts, order=st.integers(0, 2**32))
 @settings(max_examples=12, deadline=None)
-def test_two_axes_in_any_blocks_and_any_order(first: list[int], second: list[int], order: int) -> None:
+def test_two_axes_in_any_blocks_and_any_order(first, second, order):
     with TemporaryDirectory() as folder:
         path = Path(folder) / "dual.mcap"
         write_blocks(path, mixed(order, parts(A, first, "a"), parts(B, second, "b")), axes=["a", "b"])
@@ -89,7 +90,7 @@ def test_two_axes_in_any_blocks_and_any_order(first: list[int], second: list[int
         assert [t["leakage"] for t in true] == [1e-12 * k for k in range(0, len(samples), 10)]
 
 
-def test_the_schema_says_what_the_messages_hold(tmp_path: Path) -> None:
+def test_the_schema_says_what_the_messages_hold(tmp_path):
     truth = {"leakage": np.ones(ROWS), "stuck": np.ones(ROWS, bool)}
     write_run(tmp_path / "a.mcap", A, axis="a", truth=truth)
     with (tmp_path / "a.mcap").open("rb") as stream:
@@ -110,16 +111,8 @@ def test_the_schema_says_what_the_messages_hold(tmp_path: Path) -> None:
             assert kinds["leakage"] == (1, 1) and kinds["stuck"] == (8, 1), "optional double, optional bool"
 
 
-def test_empty_blocks_and_empty_runs(tmp_path: Path) -> None:
-    path, none = tmp_path / "a.mcap", A.rows(0, 0)
-    write_blocks(path, [RunBlock(none, {"leakage": []}), *parts(A, [0, 600, 600], None, 0)], axes=["a"])
-    assert bits([m["time"] for _, _, m in messages(path)]) == bits(A.time)
-    for blocks in ([], [RunBlock(none)]):
-        write_blocks(path, blocks, axes=["a"])
-        assert messages(path) == []
-
-
-def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_run(tmp_path):
     import tracemalloc
 
     block = strokes(5000)
@@ -133,7 +126,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path: Path) -> None:
     assert peaks[1] < 1.1 * peaks[0]
 
 
-def test_blocks_that_do_not_fit_are_refused_in_one_line(tmp_path: Path) -> None:
+def test_blocks_that_do_not_fit_are_refused_in_one_line(tmp_path):
     first, second = parts(A, [600], "a", 0)
     other = RunBlock(Samples(second.samples.time, {"position": second.samples["position"]}), None, "a")
     number = RunBlock(second.samples, {"stuck": np.ones(600)}, "a")
@@ -163,7 +156,7 @@ GAP = pytest.approx(np.nan, nan_ok=True)
 """What stands where there is no value."""
 
 
-def test_everything_of_a_diagnosis_is_there(tmp_path: Path) -> None:
+def test_everything_of_a_diagnosis_is_there(tmp_path):
     samples = strokes(5000)
     row = np.arange(250)
     trajectories = {
@@ -214,9 +207,6 @@ def test_everything_of_a_diagnosis_is_there(tmp_path: Path) -> None:
     assert onset["timestamp"] == {"sec": 7, "nsec": 0} and onset["level"] == 3
     assert detected["level"] == 4 and "internal_leakage or pump_wear detected" in detected["message"]
     assert "9.8e-12 m³/(s·Pa)" in detected["message"]
-
-
-def test_without_trajectories_or_faults_there_is_the_measurement(tmp_path: Path) -> None:
     write_annotated(tmp_path / "a.mcap", strokes(3000), {}, "{}", axis="a")
     with (tmp_path / "a.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()

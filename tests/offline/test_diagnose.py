@@ -1,11 +1,10 @@
 """The door of the diagnosis gives the command line's answer, from whatever holds the log."""
 
-from __future__ import annotations
-
 import copy
 import json
 import pickle
 import sys
+from functools import partial
 from pathlib import Path
 
 import matplotlib
@@ -16,6 +15,7 @@ from typer.testing import CliRunner
 import fdd
 from fdd import Diagnosis, InputError, Samples, diagnose, read_log
 from fdd.cli.app import app
+from tests.refusal import refused
 
 matplotlib.use("Agg")
 DEMO = Path(fdd.__file__).parent / "demo"
@@ -27,43 +27,20 @@ def answer() -> Diagnosis:
     return diagnose(LOG, UNIT)
 
 
-def test_a_file_gets_the_answer_of_the_command_line(answer: Diagnosis) -> None:
+def test_a_file_gets_the_answer_of_the_command_line_and_it_comes_back_from_other_processes(answer):
     told = CliRunner().invoke(app, ["diagnose", str(LOG), "--unit", str(UNIT), "--json", "-"])
     assert json.loads(answer.model_dump_json(by_alias=True)) == json.loads(told.stdout)
     assert answer.verdict == "faulty" and set(answer.sha256) == {"log", "profile", "model"}
+    assert pickle.loads(pickle.dumps(answer)) == answer == copy.deepcopy(answer)
 
 
-def test_what_was_read_and_samples_get_the_same_findings(answer: Diagnosis) -> None:
+def test_what_was_read_samples_and_those_that_lack_what_follows_get_the_same_findings(answer):
     log, unit = read_log(LOG), fdd.Unit.load(UNIT)
     for given, started in ((log, answer.started_at), (log.samples, None)):
         found = diagnose(given, unit, axis="left", keep_signals=False)
         assert found.faults == answer.faults and found.estimates == answer.estimates
         assert found.axis == "left" and set(found.sha256) == {"model"} and found.started_at == started
-
-
-def refused(*arguments: object, **more: object) -> str:
-    with pytest.raises(InputError) as caught:
-        diagnose(*arguments, **more)  # type: ignore[arg-type]
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
-
-
-def test_what_cannot_be_diagnosed_is_refused_in_one_line(tmp_path: Path) -> None:
-    samples = read_log(LOG).samples
-    assert "none.csv" in refused(tmp_path / "none.csv")
-    assert "axis_z" in refused(LOG, "axis_z")
-    assert "none.yaml" in refused(LOG, map="none.yaml")
-    assert "none.json" in refused(LOG, model=tmp_path / "none.json")
-    assert "int is no log" in refused(3)
-    assert "give it to read_log" in refused(samples, map="rig.map.yaml")
-    assert "too short" in refused(samples.rows(0, 500))
-    assert "missing channels: position" in refused(Samples(samples.time, {"command": samples["command"]}))
-    metres = samples.with_columns({"position": 1e3 * samples["position"]})
-    assert "looks like mm" in refused(metres)
-
-
-def test_samples_may_lack_what_follows_from_the_rest() -> None:
-    """As read_log does it: speed makes an angle, both chambers make a difference."""
+    # As read_log does it: speed makes an angle, both chambers make a difference.
     samples, unit = read_log(LOG).samples, fdd.Unit.load(UNIT)
     made = {n: v for n, v in samples.columns.items() if n not in ("pump_angle", "pressure_difference")}
     found = diagnose(Samples(samples.time, made), unit, keep_signals=False)
@@ -71,7 +48,22 @@ def test_samples_may_lack_what_follows_from_the_rest() -> None:
     assert found.faults[0].onset_s == pytest.approx(16.0, abs=0.5)
 
 
-def test_the_picture_shows_what_was_found(answer: Diagnosis) -> None:
+def test_what_cannot_be_diagnosed_is_refused_in_one_line(tmp_path):
+    samples = read_log(LOG).samples
+    assert "none.csv" in refused(partial(diagnose, tmp_path / "none.csv"))
+    assert "axis_z" in refused(partial(diagnose, LOG, "axis_z"))
+    assert "none.yaml" in refused(partial(diagnose, LOG, map="none.yaml"))
+    assert "none.json" in refused(partial(diagnose, LOG, model=tmp_path / "none.json"))
+    assert "int is no log" in refused(partial(diagnose, 3))
+    assert "give it to read_log" in refused(partial(diagnose, samples, map="rig.map.yaml"))
+    assert "too short" in refused(partial(diagnose, samples.rows(0, 500)))
+    bare = Samples(samples.time, {"command": samples["command"]})
+    assert "missing channels: position" in refused(partial(diagnose, bare))
+    metres = samples.with_columns({"position": 1e3 * samples["position"]})
+    assert "looks like mm" in refused(partial(diagnose, metres))
+
+
+def test_the_picture_shows_what_was_found(answer):
     figure = answer.plot()
     labels = [axes.get_ylabel() for axes in figure.axes]
     for quantity, unit in (("position", "mm"), ("pressures", "bar"), ("leakage", "10⁻¹² m³/(s·Pa)"),
@@ -94,7 +86,7 @@ def test_the_picture_shows_what_was_found(answer: Diagnosis) -> None:
     matplotlib.pyplot.close(figure)
 
 
-def test_what_is_not_kept_is_not_drawn(answer: Diagnosis) -> None:
+def test_what_is_not_kept_is_not_drawn_nor_anything_without_matplotlib(answer, monkeypatch):
     from_json = Diagnosis.model_validate_json(answer.model_dump_json(by_alias=True))
     for other in (from_json, diagnose(LOG, UNIT, keep_signals=False)):
         assert other == answer
@@ -102,13 +94,6 @@ def test_what_is_not_kept_is_not_drawn(answer: Diagnosis) -> None:
             other.plot()
     other.verdict = "healthy"
     assert other != answer
-
-
-def test_without_matplotlib_it_says_what_to_install(answer: Diagnosis, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InputError, match=r"install fdd\[reports\]"):
         answer.plot()
-
-
-def test_an_answer_comes_back_from_another_process(answer: Diagnosis) -> None:
-    assert pickle.loads(pickle.dumps(answer)) == answer == copy.deepcopy(answer)

@@ -1,16 +1,13 @@
 """The page as a browser would read it: parsed, its policy checked, its figures decoded."""
 
-from __future__ import annotations
-
 import re
 import time
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from pages import EVIL, Make, Page, decoded, hash_source, unpacked
+from pages import EVIL, Case, Page, case, decoded, hash_source, unpacked
 
 from fdd.diagnosis.findings import FaultFinding, Trajectories
 from fdd.report import plotly, render_report
@@ -22,6 +19,14 @@ def trace(figure: dict[str, Any], name: str) -> dict[str, Any]:
     return next(t for t in figure["data"] if t.get("name") == name)
 
 
+@pytest.fixture(scope="module")
+def faulty() -> tuple[Case, str, Page]:
+    """A report, to be looked at alone."""
+    made = case()
+    html = render_report(*made, made=datetime(2026, 1, 2, 3, 4, tzinfo=UTC))
+    return made, html, Page(html)
+
+
 @pytest.mark.parametrize(
     ("verdict", "words"),
     [
@@ -30,8 +35,8 @@ def trace(figure: dict[str, Any], name: str) -> dict[str, Any]:
         ("inconclusive", "Inconclusive: no answer is sure enough"),
     ],
 )
-def test_the_verdict_comes_first(case: Make, verdict: str, words: str) -> None:
-    text = Page(render_report(*case(verdict).arguments())).text.replace("\u00a0", " ")
+def test_the_verdict_comes_first(verdict, words):
+    text = Page(render_report(*case(verdict))).text.replace("\u00a0", " ")
     body = text[text.index("Diagnosis of") :]
     assert words in text[:400], "in the title"
     assert words in body[:200], "at the top of the page"
@@ -39,8 +44,8 @@ def test_the_verdict_comes_first(case: Make, verdict: str, words: str) -> None:
     assert ("It could as well be pump gear wear" in text) == (verdict == "faulty")
 
 
-def test_everything_that_was_asked_for_is_there(case: Make) -> None:
-    page = Page(render_report(*case("faulty").arguments(), made=datetime(2026, 1, 2, 3, 4, tzinfo=UTC)))
+def test_everything_that_was_asked_for_is_there(faulty):
+    _, _, page = faulty
     wanted = {"probabilities", "statistic", "features"}
     wanted |= {f"estimate-{n}" for n in ("leakage", "bulk_modulus", "coulomb_friction", "viscous_friction")}
     measured = ("position", "pressures", "pump-speed", "motor-current", "oil-temperature")
@@ -55,9 +60,9 @@ def test_everything_that_was_asked_for_is_there(case: Make) -> None:
     assert "width=device-width" in "".join(page.attributes("content"))
 
 
-def test_figures_show_the_samples_in_everyday_units(case: Make) -> None:
-    made = case("faulty")
-    figures = Page(render_report(*made.arguments())).figures
+def test_figures_show_the_samples_in_everyday_units(faulty):
+    made, _, page = faulty
+    figures = page.figures
     pressure = decoded(trace(figures["measured-pressures"], "difference P₁ − P₂")["y"])
     assert np.nanmax(pressure) == pytest.approx(25.0), "the one-sample spike of 2.5 MPa"
     position = decoded(trace(figures["measured-position"], "measured")["y"])
@@ -72,8 +77,8 @@ def test_figures_show_the_samples_in_everyday_units(case: Make) -> None:
     assert times.min() == pytest.approx(20.0, abs=0.1), "missing from 20 to 22 s"
 
 
-def test_what_is_not_observable_is_grey_and_has_no_band(case: Make) -> None:
-    figures = Page(render_report(*case("faulty").arguments())).figures
+def test_what_is_not_observable_is_grey_and_has_no_band(faulty):
+    figures = faulty[2].figures
     viscous, leakage = figures["estimate-viscous_friction"], figures["estimate-leakage"]
     coloured = [t["line"]["color"] for t in viscous["data"] if str(t.get("name")).startswith(("EKF", "SVSF"))]
     assert set(coloured) == {"#8A8F98"}
@@ -89,15 +94,15 @@ def test_what_is_not_observable_is_grey_and_has_no_band(case: Make) -> None:
         assert (np.isfinite(time) == np.isfinite(edge)).all() and np.ptp(time[np.isfinite(time)]) > 59.0
 
 
-def test_the_last_observable_value_is_drawn_on_and_told(case: Make) -> None:
-    made = case("faulty")
+def test_the_last_observable_value_is_drawn_on_and_told():
+    made = case()
     name = "coulomb_friction"
     seen = made.trajectories.observable[name]
     last = np.maximum.accumulate(np.where(seen, np.arange(seen.size), 0))
     made.trajectories.held[name] = made.trajectories.estimates["ekf"][name][last]
     estimate = made.diagnosis.estimates[name]
     estimate.observable, estimate.held, estimate.held_std, estimate.age_s = False, 131.5, 2.1, 12.0
-    html = render_report(*made.arguments())
+    html = render_report(*made)
     figures = Page(html).figures
     shown = trace(figures[f"estimate-{name}"], "last observable value")
     y = decoded(shown["y"])
@@ -109,10 +114,10 @@ def test_the_last_observable_value_is_drawn_on_and_told(case: Make) -> None:
     assert not any(t.get("name") == "last observable value" for t in figures["estimate-leakage"]["data"])
 
 
-def test_onset_and_detection_stand_in_every_plot_and_families_of_two_percent_are_drawn(case: Make) -> None:
+def test_onset_and_detection_stand_in_every_plot_and_families_of_two_percent_are_drawn():
     def marks(verdict: str) -> list[list[float]]:
         made = case(verdict)
-        figures = Page(render_report(*made.arguments())).figures
+        figures = Page(render_report(*made)).figures
         lines = {t["name"].lower(): decoded(t["y"]) for t in figures["probabilities"]["data"]}
         for family, p in made.trajectories.probabilities.items():
             if family == "healthy" or p.max() >= 0.02:
@@ -124,11 +129,8 @@ def test_onset_and_detection_stand_in_every_plot_and_families_of_two_percent_are
     assert not any(marks("healthy")) and not any(marks("inconclusive"))
 
 
-def test_nothing_is_fetched_and_the_policy_lets_only_the_pages_own_scripts_run(
-    case: Make,
-) -> None:
-    html = render_report(*case("faulty").arguments())
-    page = Page(html)
+def test_nothing_is_fetched_and_the_policy_lets_only_the_pages_own_scripts_run(faulty):
+    _, html, page = faulty
     assert page.attributes("src", "href", "action", "data", "srcset", "poster") == []
     assert {"link", "iframe", "object", "embed", "base", "img"}.isdisjoint(tag for tag, _ in page.tags)
     style = html[html.index("<style>") : html.index("</style>")]
@@ -142,9 +144,9 @@ def test_nothing_is_fetched_and_the_policy_lets_only_the_pages_own_scripts_run(
 
 
 @pytest.mark.parametrize("rows", [60_000, 200_000])
-def test_pages_of_a_batch_share_plotly_and_sizes_are_bounded(case: Make, tmp_path: Path, rows: int) -> None:
-    made = case("faulty", rows=rows)
-    html = render_report(*made.arguments(), alone=False)
+def test_pages_of_a_batch_share_plotly_and_sizes_are_bounded(tmp_path, rows):
+    made = case(rows=rows)
+    html = render_report(*made, alone=False)
     page = Page(html)
     assert len(html.encode()) < 500_000 and len(page.scripts) == 2
     assert page.script_policy() == f"{hash_source(page.scripts[1].encode())} 'strict-dynamic'"
@@ -153,7 +155,7 @@ def test_pages_of_a_batch_share_plotly_and_sizes_are_bounded(case: Make, tmp_pat
     bundle = (tmp_path / plotly.FILE).read_bytes()
     assert f"v{plotly.VERSION}".encode() in bundle[:200]
     begin = time.perf_counter()
-    html = render_report(*made.arguments())
+    html = render_report(*made)
     assert rows > 60_000 or time.perf_counter() - begin < 1.0
     alone = Page(html)
     assert len(html.encode()) < 1_500_000
@@ -162,8 +164,8 @@ def test_pages_of_a_batch_share_plotly_and_sizes_are_bounded(case: Make, tmp_pat
     assert drawn and all(decoded(y).size <= 6_000 for y in drawn)
 
 
-def test_text_from_the_log_stays_text(case: Make) -> None:
-    made = case("faulty", rows=6_000, log=EVIL)
+def test_text_from_the_log_stays_text():
+    made = case(rows=6_000, log=EVIL)
     made.diagnosis.axis = made.diagnosis.unit = EVIL
     made.diagnosis.quality.notes = [EVIL]
     made.diagnosis.faults[0].evidence = [EVIL]
@@ -176,8 +178,8 @@ def test_text_from_the_log_stays_text(case: Make) -> None:
     made.trajectories.estimates[EVIL] = made.trajectories.estimates["ekf"]
     made.settings[EVIL] = EVIL
     made.unit.description = EVIL
-    plain = Page(render_report(*case("faulty", rows=6_000).arguments()))
-    page = Page(render_report(*made.arguments()))
+    plain = Page(render_report(*case(rows=6_000)))
+    page = Page(render_report(*made))
     assert {tag for tag, _ in page.tags} == {tag for tag, _ in plain.tags}
     assert len(page.scripts) == 3
     assert not [k for _, attrs in page.tags for k in attrs if k.startswith("on")]
@@ -188,7 +190,7 @@ def test_text_from_the_log_stays_text(case: Make) -> None:
     assert any("alert" in n for n in names) and not any("<" in n for n in names)
 
 
-def test_little_or_broken_data_still_makes_a_page(case: Make) -> None:
+def test_little_or_broken_data_still_makes_a_page():
     made = case("inconclusive", rows=6_000)
     none = np.empty(0)
     empty = Trajectories(
@@ -213,22 +215,17 @@ def test_little_or_broken_data_still_makes_a_page(case: Make) -> None:
     assert "since an unknown time" in page.text.replace("\u00a0", " ")
 
 
-def test_names_of_lines_that_lie_close_stand_in_rows(case: Make) -> None:
-    made = case("faulty")
+def test_lines_that_lie_close_stand_in_rows_and_trackers_that_say_the_same_are_one():
+    made = case()
     one = made.diagnosis.faults[0]
     made.diagnosis.faults = [one, one.model_copy(update={"onset_s": one.onset_s + 0.3})]
-    notes = Page(render_report(*made.arguments())).figures["measured-position"]["layout"]["annotations"]
+    notes = Page(render_report(*made)).figures["measured-position"]["layout"]["annotations"]
     marks = [n for n in notes if n["text"].split()[0] in ("onset", "detected")]
     assert len(marks) == len({(n["xanchor"], n["yshift"]) for n in marks}) == 4
-
-
-def test_two_trackers_that_say_the_same_are_one_line_and_where_they_differ_two(
-    case: Make,
-) -> None:
-    made = case("faulty")
+    made = case()
 
     def drawn() -> list[str]:
-        traces = Page(render_report(*made.arguments())).figures["estimate-leakage"]["data"]
+        traces = Page(render_report(*made)).figures["estimate-leakage"]["data"]
         return [t["name"] for t in traces if "SVSF" in t.get("name", "") and t.get("showlegend", True)]
 
     ekf, other = (made.trajectories.estimates[k]["leakage"] for k in ("ekf", "svsf"))
@@ -238,7 +235,7 @@ def test_two_trackers_that_say_the_same_are_one_line_and_where_they_differ_two(
     assert drawn() == ["SVSF where it differs"]
 
 
-def test_a_leak_that_begins_at_the_very_end_is_within_the_plot() -> None:
+def test_a_leak_that_begins_at_the_very_end_is_within_the_plot():
     line = 6.5 + np.random.default_rng(1).normal(0.0, 0.05, 5000)
     line[-20:] = 8.0
     shown = y_range([line], [line - 0.3, line + 0.3], 6.5)

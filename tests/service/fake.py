@@ -1,7 +1,5 @@
 """Axes that are made up behind the real HTTP service: a real store, bus and alarm book, no pipelines."""
 
-from __future__ import annotations
-
 import tempfile
 import threading
 import time
@@ -13,7 +11,6 @@ from typing import Any
 import numpy as np
 from starlette.testclient import TestClient
 
-from fdd.diagnosis.findings import FaultFinding
 from fdd.service.alarms import Action, Alarm, AlarmBook, Transition
 from fdd.service.bus import Bus, Event
 from fdd.service.config import Listen
@@ -21,21 +18,15 @@ from fdd.service.http.app import Server, web
 from fdd.service.http.tokens import Tokens, new_token
 from fdd.service.status import AxisDetail, AxisStatus, Bands, Series
 from fdd.service.store import Store
+from tests.service import senders
 
 BASE = {"leakage": 6.5e-12, "bulk_modulus": 1.16e9, "coulomb_friction": 310.0, "viscous_friction": 950.0}
-LEAK = FaultFinding(
-    fault="internal_leakage", family="leakage", ambiguity=["internal_leakage", "pump_wear"], confidence=0.97,
-    onset_s=408.2, detected_s=424.0, severity=0.41, severity_interval=(0.35, 0.48),
-    evidence=["The balance of the chambers' oil does not close from 408.2 s on."],
-    next_check="Block the cylinder and measure the pump speed that holds 5 MPa.",
-)  # fmt: skip
+LEAK = senders.LEAK.model_copy(update={"onset_s": 408.2, "detected_s": 424.0})
 PAGE = {"x-fdd": "1"}
 """What the page's own requests carry."""
 
 
 class World:
-    """A fleet of made-up axes, with its store and bus."""
-
     def __init__(self, *names: str) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="fdd-fake-")
         self.store, self.bus, self.book = Store(f"sqlite:///{self._folder.name}/fdd.db"), Bus(), AlarmBook()
@@ -113,7 +104,7 @@ def made_up() -> World:
         "rig-2/axis-B", "rig-2/axis-C",
     )  # fmt: skip
     for name, state in (("F9/aileron-L", "learning"), ("rig-2/axis-B", "silent"), ("rig-2/axis-C", "failed")):
-        world.details[name].status.state = state  # type: ignore[assignment]
+        world.details[name].status.state = state
     world.details["F7/aileron-R"].findings.append(LEAK)
     sensor = {"fault": "pressure_sensor_bias", "family": "sensor", "channel": "pressure_1"}
     world.raise_alarm("F3/spoiler-2", "low", **sensor)

@@ -1,7 +1,5 @@
 """What tests of sources and outputs share: a fleet that stores what it takes, waiting, made-up alarms."""
 
-from __future__ import annotations
-
 import resource
 import shutil
 import subprocess
@@ -20,7 +18,9 @@ from fdd.diagnosis.findings import FaultFinding
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.bus import Event
+from fdd.service.config import Serve
 from fdd.service.order import Order
+from fdd.service.service import Service
 from fdd.service.store import OutboxMessage, Store
 
 LEAK = FaultFinding(
@@ -67,18 +67,15 @@ class Taker:
             self.accept()
 
     def accept(self) -> None:
-        """Accept what was put and not accepted yet."""
         with self._lock:
             new, self._accepted = self.blocks[self._accepted :], len(self.blocks)
         for block in new:
             block.accepted()
 
     def numbers(self, axis: str = "A1") -> list[int | None]:
-        """Sequence numbers of an axis as they came."""
         return [b.sequence for b in self.blocks if b.axis == axis]
 
     def joined(self, axis: str = "A1") -> Samples:
-        """All samples of an axis."""
         return Samples.concatenate([b.samples for b in self.blocks if b.axis == axis])
 
 
@@ -100,9 +97,7 @@ def finding(onset: float = 3.0, detected: float = 15.0) -> dict[str, Any]:
     return LEAK.model_copy(update={"onset_s": onset, "detected_s": detected}).model_dump(mode="json")
 
 
-def transition(
-    action: str = "RAISED", state: str = "UNACK", id: int = 1, axis: str = "A1", **of_finding: float
-) -> dict[str, Any]:
+def transition(action="RAISED", state="UNACK", id=1, axis="A1", **of_finding: float) -> dict[str, Any]:
     alarm = {
         "id": id, "axis": axis, "state": state, "family": "leakage", "fault": "pump_wear", "priority": "high",
         "body": finding(**of_finding),
@@ -130,3 +125,16 @@ def full_disk(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@contextmanager
+def serving(config: Serve) -> Iterator[Service]:
+    stop, service = threading.Event(), Service(config)
+    running = threading.Thread(target=service.run, args=(stop,))
+    running.start()
+    try:
+        yield service
+    finally:
+        stop.set()
+        running.join(60.0)
+    assert not running.is_alive()

@@ -1,7 +1,5 @@
 """A block comes back as it was or is refused in a line; inbox and bus lose nothing without counting it."""
 
-from __future__ import annotations
-
 import json
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -49,7 +47,7 @@ values = st.integers(1, 30).flatmap(
 
 
 @given(values=values, number=st.none() | st.integers(0, 2**53 - 1), unit=st.none() | st.just("rig_3"))
-def test_a_block_comes_back_as_it_was(values: np.ndarray, number: int | None, unit: str | None) -> None:
+def test_a_block_comes_back_as_it_was(values, number, unit):
     time = 1.7e9 + np.arange(values.shape[1]) * 1e-3
     columns = dict(zip(("position", "pump_speed", "pressure_1"), values, strict=True))
     block = Block("line/A-1", Samples(time, columns), number, 0.0, unit)
@@ -83,9 +81,9 @@ def block_or_refusal(payload: bytes) -> None:
         assert isinstance(found, Block) and len(found.samples) >= 1
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=300)
 @given(data=st.data())
-def test_damaged_messages_are_a_block_or_refused(data: st.DataObject) -> None:
+def test_damaged_messages_are_a_block_or_refused(data):
     payload = bytearray(data.draw(st.sampled_from(SEEDS)))
     for _ in range(data.draw(st.integers(1, 6))):
         at = data.draw(st.integers(0, len(payload) - 1))
@@ -97,11 +95,11 @@ def test_damaged_messages_are_a_block_or_refused(data: st.DataObject) -> None:
 
 @settings(max_examples=300)
 @given(changed=any_messages)
-def test_any_json_is_a_block_or_refused(changed: dict[str, object]) -> None:
+def test_any_json_is_a_block_or_refused(changed):
     block_or_refusal(message(**changed))
 
 
-def test_missing_and_infinite_values_are_missing_and_the_topic_says_which_axis() -> None:
+def test_missing_and_infinite_values_are_missing_and_the_topic_says_which_axis():
     text = message(time=[0, 1, 2, 3], columns={"position": [None, float("nan"), float("inf"), 2]})
     assert np.array_equal(decode(text).samples["position"], [np.nan, np.nan, np.nan, 2], equal_nan=True)
     nulls = arrow({"time": [0.0, 1.0], "position": pa.array([None, 0.5], pa.float32())})
@@ -112,7 +110,7 @@ def test_missing_and_infinite_values_are_missing_and_the_topic_says_which_axis()
         Decoder().decode(message(), axis="B2")
 
 
-def test_a_map_names_columns_and_units() -> None:
+def test_a_map_names_columns_and_units():
     text = "time: {column: ms, unit: ms}\nposition: {column: x, unit: mm, sign: -1}"
     rig, columns = Decoder(ChannelMap.from_yaml(text)), {"x": [5, 6], "ms": [1000, 1500], "odd": ["a", {}]}
     found = rig.decode(json.dumps({**HEAD, "columns": columns}).encode())
@@ -127,7 +125,7 @@ NO_NUMBERS = (["1", "2"], [None, "2"], [True, False], [[1], [2]])
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"),
+    ("wrong", "told"),
     [
         ({"schema": "fdd.block/2"}, "its schema is not fdd.block/1"),
         ({"sequnce": 3}, "unknown key 'sequnce'"),
@@ -148,17 +146,6 @@ NO_NUMBERS = (["1", "2"], [None, "2"], [True, False], [[1], [2]])
         *(({"columns": {"position": values}}, "'position' is no list") for values in NO_NUMBERS),
         ({"time": [], "columns": {"position": []}}, "a block of 0 rows"),
         ({"columns": {f"c{k}": [1, 2] for k in range(300)}}, "at most 256 lists"),
-    ],
-)
-def test_what_is_wrong_is_told(changed: dict[str, object], told: str) -> None:
-    with pytest.raises(InputError, match=told) as caught:
-        decode(message(**changed))
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("payload", "told"),
-    [
         (arrow({"time": [0.0], "position": [1]}), "'position' is not of float64 or float32"),
         (arrow({"time": np.zeros(5000), "position": np.zeros(5000)}, compression="zstd"), "compressed"),
         (arrow({"time": np.arange(MOST_BLOCK_ROWS + 1.0)}), "rows, at most"),
@@ -167,17 +154,18 @@ def test_what_is_wrong_is_told(changed: dict[str, object], told: str) -> None:
         (arrow({"time": [0.0], "position": [1.0]}, batches=2), "more than one"),
     ],
 )
-def test_what_is_wrong_with_arrow_is_told(payload: bytes, told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        decode(payload)
+def test_what_is_wrong_is_told(wrong, told):
+    with pytest.raises(InputError, match=told) as caught:
+        decode(wrong if isinstance(wrong, bytes) else message(**wrong))
+    assert "\n" not in str(caught.value)
 
 
 def block(axis: str, number: int, seconds: float = 1.0, **more: object) -> Block:
     time = number * seconds + np.linspace(0.0, seconds, 10, endpoint=False)
-    return Block(axis, Samples(time, {"position": time}), number, 0.0, **more)  # type: ignore[arg-type]
+    return Block(axis, Samples(time, {"position": time}), number, 0.0, **more)
 
 
-def test_blocks_come_out_oldest_first_and_in_turn() -> None:
+def test_blocks_come_out_oldest_first_and_in_turn():
     inbox = Inbox()
     for one in (*(block("busy", number) for number in range(5)), block("calm", 0)):
         inbox.put(one)
@@ -187,7 +175,7 @@ def test_blocks_come_out_oldest_first_and_in_turn() -> None:
     assert inbox.take(0.0) == []
 
 
-def test_the_axis_that_lags_loses_its_oldest_and_no_other() -> None:
+def test_the_axis_that_lags_loses_its_oldest_and_no_other():
     inbox, told = Inbox(most_seconds=3.0), []
     for number in range(8):
         inbox.put(block("slow", number, accepted=lambda n=number: told.append(n)))
@@ -207,7 +195,7 @@ def test_the_axis_that_lags_loses_its_oldest_and_no_other() -> None:
     assert dropped == {"short": 0, "long": 2 * len(long[0].samples)}
 
 
-def test_a_patient_sender_waits_for_room_and_loses_nothing() -> None:
+def test_a_patient_sender_waits_for_room_until_the_inbox_is_closed():
     size = block("A1", 0).nbytes + 1000
     inbox, told = Inbox(most_seconds=3.0, most_bytes=5 * size), []
 
@@ -222,9 +210,6 @@ def test_a_patient_sender_waits_for_room_and_loses_nothing() -> None:
         taken += inbox.take(5.0)
     sender.join(5.0)
     assert [b.sequence for b in taken] == list(range(20)) and told == []
-
-
-def test_a_closed_inbox_holds_no_sender_and_takes_nothing_from_it() -> None:
     one = block("A1", 0, patient=True)
     inbox, told = Inbox(most_seconds=0.5, most_bytes=one.nbytes + 1000), []
     inbox.put(one)
@@ -237,7 +222,7 @@ def test_a_closed_inbox_holds_no_sender_and_takes_nothing_from_it() -> None:
     assert not sender.is_alive() and len(inbox.take(0.0)) == 1 and told == []
 
 
-def test_more_axes_than_a_service_watches_are_refused() -> None:
+def test_more_axes_than_a_service_watches_are_refused():
     inbox, one = Inbox(), block("A", 0)
     for number in range(MOST_AXES):
         inbox.put(replace(one, axis=f"A{number}"))
@@ -251,7 +236,7 @@ def test_more_axes_than_a_service_watches_are_refused() -> None:
     assert not patient.is_alive()
 
 
-def test_many_threads_put_and_all_is_taken_or_counted() -> None:
+def test_many_threads_put_and_all_is_taken_or_counted():
     inbox, names, each = Inbox(most_seconds=5.0), [f"A{k}" for k in range(6)], 200
 
     def send(name: str) -> None:
@@ -267,28 +252,28 @@ def test_many_threads_put_and_all_is_taken_or_counted() -> None:
         taken += more
     for name in names:
         own = [b for b in taken if b.axis == name]
-        assert [b.sequence for b in own] == sorted(b.sequence for b in own)  # type: ignore[type-var]
+        assert [b.sequence for b in own] == sorted(b.sequence for b in own)
         dropped = inbox.counters(name)["dropped_samples"]
         assert sum(len(b.samples) for b in own) + dropped == 10 * each
 
 
 def event(number: int, kind: str = "status") -> Event:
-    return Event(kind, "A1", float(number), {})  # type: ignore[arg-type]
+    return Event(kind, "A1", float(number), {})
 
 
-def test_each_subscriber_hears_its_kinds_in_order_and_a_slow_one_loses_the_oldest() -> None:
+def test_each_subscriber_hears_its_kinds_in_order_and_a_slow_one_loses_the_oldest():
     bus = Bus()
     bus.publish(event(0))
     every, alarms, slow = bus.subscribe(), bus.subscribe(["alarm"]), bus.subscribe(most=10)
     for number in range(1, 101):
         bus.publish(event(number, "alarm" if number == 2 else "status"))
-    assert [every.get().time for _ in range(100)] == [float(k) for k in range(1, 101)]  # type: ignore[union-attr]
+    assert [every.get().time for _ in range(100)] == [float(k) for k in range(1, 101)]
     assert alarms.get() == event(2, "alarm")
     assert every.get() is alarms.get() is None
     assert (slow.lost, every.lost) == (90, 0) and slow.get() == event(91)
 
 
-def test_many_threads_publish_and_every_event_arrives_once() -> None:
+def test_many_threads_publish_and_every_event_arrives_once():
     bus = Bus()
     subscription = bus.subscribe(most=10_000)
 

@@ -1,7 +1,5 @@
 """serve.yaml, the unit of systemd and the container file: what may stand in them, and what may not."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -22,7 +20,7 @@ def of(text: str) -> Serve:
     return Serve.from_yaml("schema: fdd.serve/1\n" + text)
 
 
-def test_the_example_is_read_with_paths_from_its_folder() -> None:
+def test_the_example_is_read_with_paths_from_its_folder():
     found = Serve.load(EXAMPLE)
     here = EXAMPLE.parent
     mqtt, folder, replay = found.sources[0], found.sources[3], found.sources[4]
@@ -35,7 +33,7 @@ def test_the_example_is_read_with_paths_from_its_folder() -> None:
     assert found.store_url == f"sqlite:///{here / 'state' / 'fdd.db'}"
 
 
-def test_absolute_paths_stay_and_without_tokens_only_this_machine_is_listened_on(tmp_path: Path) -> None:
+def test_absolute_paths_stay_and_without_tokens_only_this_machine_is_listened_on(tmp_path):
     text = f"schema: fdd.serve/1\nstore: postgresql://db/fdd\nstate: /var/lib/fdd\n{UDP}"
     found = Serve.from_yaml(text, folder=Path("etc"))
     assert found.store_url == "postgresql://db/fdd" and found.state == Path("/var/lib/fdd")
@@ -76,13 +74,13 @@ def test_absolute_paths_stay_and_without_tokens_only_this_machine_is_listened_on
         (f"{UDP}\n{UDP}", "twice"),
     ],
 )
-def test_what_is_wrong_is_told_in_one_line(text: str, told: str) -> None:
+def test_what_is_wrong_is_told_in_one_line(text, told):
     with pytest.raises(InputError, match=told) as caught:
         of(text)
     assert str(caught.value).startswith("serve.yaml: ") and "\n" not in str(caught.value)
 
 
-def test_the_unit_is_hardened() -> None:
+def test_the_unit_is_hardened():
     if shutil.which("systemd-analyze") is None:
         pytest.skip("no systemd-analyze on this machine")
     unit = ROOT / "deploy" / "fdd.service"
@@ -94,7 +92,7 @@ def test_the_unit_is_hardened() -> None:
     assert judged.returncode == 0, judged.stdout[-300:] + judged.stderr
 
 
-def test_the_container_takes_files_that_there_are_and_runs_without_root() -> None:
+def test_the_container_takes_files_that_there_are_and_runs_without_root():
     text = (ROOT / "deploy" / "Containerfile").read_text()
     for names in re.findall(r"^COPY (?!--from)(.+) \S+$", text, re.M):
         assert all((ROOT / name).exists() for name in names.split())

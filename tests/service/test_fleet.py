@@ -1,7 +1,5 @@
 """The fleet: what it says live is what the pipeline says of the whole, and nothing is lost or told twice."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal
@@ -9,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
@@ -18,17 +15,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stores import postgres_url
 from watched import RECEIVED, ROWS, blocks_of, disordered, fleet_of, leaking, made, passing, send, settle
 
-from fdd.diagnosis.model import Model
-from fdd.diagnosis.pipeline import Pipeline
-from fdd.samples import Samples
 from fdd.service.backlog import Backlog
 from fdd.service.fleet import Fleet
 from fdd.service.store import Store, StoreTrouble
-from fdd.unit import Unit
 from tests.service.senders import until
+from tests.service.servers import postgres_url
 
 KILLS = int(os.environ.get("FDD_TEST_KILLS", "4"))
 
@@ -45,46 +38,41 @@ def told(store: Store) -> dict[str, list[Any]]:
 
 
 @pytest.mark.parametrize("lags", [False, True])
-def test_live_is_what_the_pipeline_says_of_the_whole(lags: bool, store: Store, log: Samples) -> None:
+def test_live_is_what_the_pipeline_says_of_the_whole(lags, store, log, whole):
     """Blocks that come twice, out of their order, or many at a time, change nothing."""
     blocks, rng = blocks_of(log), random.Random(1)
     for k in range(0, len(blocks) - 3, 7):
         blocks[k], blocks[k + 2] = blocks[k + 2], blocks[k]
     blocks = [b for block in blocks for b in [block] * (1 + (rng.random() < 0.1))]
     fleet = fleet_of(store)
-    if lags:
-        for block in blocks:
-            fleet.inbox.put(block)
-        while fleet.step(0.0):
-            pass
-    else:
-        send(fleet, blocks)
+    for block in blocks:
+        fleet.inbox.put(block)
+        if not lags:
+            fleet.step(0.0)
+    while fleet.step(0.0):
+        pass
     fleet.keep()
-    fresh = Pipeline(Unit.load("axis_a"), Model.load(), keep_trajectories=False).push(log)
-    assert [f.fault for f in fresh] == ["internal_leakage"], "else this shows nothing"
     found = [(f["fault"], f["onset"], f["severity"], f["time"]) for f in store.findings()]
-    assert found == [(f.fault, f.onset_s, f.severity, f.detected_s) for f in fresh]
+    assert found == [(f.fault, f.onset_s, f.severity, f.detected_s) for f in whole]
     (alarm,) = store.alarms()
     assert (alarm["state"], alarm["fault"]) == ("UNACK", "internal_leakage")
     (status,) = fleet.axes()
     assert status.samples == len(log) and status.state == "unacknowledged"
     assert "since 2023-11-14 22:13:49 UTC; no samples come since 2023-11-14 22:14:19" in status.headline
     assert status.silent and status.clock == pytest.approx(RECEIVED, abs=0.5)
-    assert fleet.axis("A1").findings[0].detected_s == fresh[0].detected_s, "not that of the last look"
-    assert alarm["body"]["detected_s"] == fresh[0].detected_s
+    assert fleet.axis("A1").findings[0].detected_s == whole[0].detected_s, "not that of the last look"
+    assert alarm["body"]["detected_s"] == whole[0].detected_s
     assert status.quality["repeated"] > 0 and status.quality["reordered"] > 0
 
 
-def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice_over_restarts_too(
-    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice_over_restarts(store, log, monkeypatch):
     due = list[list[str]]()
     monkeypatch.setattr(Backlog, "is_due", lambda self, now: True)
     monkeypatch.setattr(Backlog, "turn", lambda self, *given: due.pop() if due else [])
-    blocks = list(zip(blocks_of(log, "A1"), blocks_of(log, "A2"), strict=True))
+    blocks = list(zip(blocks_of(log, "A1"), blocks_of(log, "A2"), strict=True))[:480]
     fleet = fleet_of(store)
     for n, pair in enumerate(blocks):
-        due += [["A2"]] if n in (250, 450) else []
+        due += [["A2"]] if n in (250, 380) else []
         send(fleet, list(pair))
         if n == 320:
             behind = fleet.axis("A2").status
@@ -92,26 +80,24 @@ def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice_over_rest
             assert behind.lag_s == pytest.approx(7.0, abs=1.0) and not behind.silent
             assert "overloaded: 7 s behind" in behind.headline
             assert "overloaded: 1 of 2 axes are followed" in fleet.problems()[0]
-        if n == 400:
+        if n == 350:
             assert store.checkpoint("A1") is not None and store.journal("A2"), "some is in the journal alone"
             fleet = fleet_of(store)
-        if n in (400, 550):
+        if n in (350, 450):
             while fleet.catch_up():
                 pass
             assert fleet.problems() == [] and store.meta("worked A2") is None
     fleet.keep()
     said = told(store)
     assert len(said["A1"]) == 3 and said["A1"] == said["A2"]
-    assert [s.samples for s in fleet.axes()] == [len(log)] * 2
+    assert [s.samples for s in fleet.axes()] == [48_000] * 2
     again = fleet_of(store)
     assert {s.state for s in again.axes()} == {"unacknowledged"} and told(store) == said
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
-def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(
-    kind: str, store: Store, tmp_path: Path
-) -> None:
+def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(kind, store, tmp_path):
     """While it starts, works, waits for a block before another one, is put off or catches up; FDD_TEST_KILLS
     sets how often."""
     log = leaking(24.0, 8.0)
@@ -155,16 +141,13 @@ def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(
         assert told(Store(url)) == whole
 
 
-@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
-def test_a_store_that_fails_or_whose_answer_is_lost_is_tried_again_and_has_nothing_twice(
-    kind: str, log: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_store_that_fails_or_loses_its_answer_is_tried_again(log, tmp_path, monkeypatch):
     """A disk that is full; a server that ends, or a cable that is pulled, after it committed and before it
     said so. Meanwhile nothing is accepted."""
     plain, answered, sending = Store.transaction, list[int](), [0]
 
     @contextmanager
-    def failing(self: Store) -> Iterator[Any]:
+    def failing(self: Store):
         number = next(tries)
         assert len(answered) == sending[0]
         if number % 5 == 0:
@@ -191,16 +174,15 @@ def test_a_store_that_fails_or_whose_answer_is_lost_is_tried_again_and_has_nothi
     whole = worked(f"sqlite:///{tmp_path / 'whole.db'}")
     tries = count()
     monkeypatch.setattr(Store, "transaction", failing)
-    again = worked(f"sqlite:///{tmp_path / 'again.db'}" if kind == "sqlite" else postgres_url())
-    assert again[-1].writer.errors > 100 and len(whole[0]["A1"]) == 3, "else this shows nothing"
-    assert again[:-1] == whole[:-1]
+    for url_of in (lambda: f"sqlite:///{tmp_path / 'again.db'}", postgres_url):
+        again = worked(url_of())
+        assert again[-1].writer.errors > 100 and len(whole[0]["A1"]) == 3, "else this shows nothing"
+        assert again[:-1] == whole[:-1]
 
 
-def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(
-    store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(store, log, monkeypatch):
     """The store fails as the alarm comes, the service is stopped, and just then the store works again."""
-    blocks, stop, plain = blocks_of(log), threading.Event(), Store.transaction
+    blocks, stop, plain = blocks_of(log)[:450], threading.Event(), Store.transaction
     fleet = fleet_of(store)
     send(fleet, blocks[:300])
     assert not store.findings()
@@ -223,10 +205,10 @@ def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(
     assert again.axes()[0].samples <= 30_000, "none of it was accepted"
     send(again, blocks[300:])
     again.keep()
-    assert len(store.findings()) == 1 and again.axes()[0].samples == len(log)
+    assert len(store.findings()) == 1 and again.axes()[0].samples == 45_000
 
 
-def test_an_axis_that_goes_silent_gives_what_it_has(store: Store, log: Samples, ticking: list[float]) -> None:
+def test_an_axis_that_goes_silent_gives_what_it_has(store, log, ticking):
     wall = [RECEIVED]
     fleet = fleet_of(store, clock=lambda: wall[0])
     send(fleet, [replace(b, sequence=None, received=RECEIVED) for b in blocks_of(log)[:30]])
@@ -241,9 +223,7 @@ def test_an_axis_that_goes_silent_gives_what_it_has(store: Store, log: Samples, 
     assert fleet_of(store).axes()[0].samples == 3000
 
 
-def test_a_sender_that_the_service_keeps_waiting_is_not_silent(
-    store: Store, log: Samples, ticking: list[float], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sender_that_the_service_keeps_waiting_is_not_silent(store, log, ticking, monkeypatch):
     """A batch of other axes takes long; the block that a hole waits for comes only then."""
     fleet = fleet_of(store)
     blocks = blocks_of(log)[:20]
@@ -264,7 +244,7 @@ def test_a_sender_that_the_service_keeps_waiting_is_not_silent(
 
 
 @pytest.mark.parametrize("stops", [True, False])
-def test_what_waits_for_a_block_waits_over_a_restart(stops: bool, store: Store, log: Samples) -> None:
+def test_what_waits_for_a_block_waits_over_a_restart(stops, store, log):
     blocks = blocks_of(log)[:20]
     fleet = fleet_of(store)
     send(fleet, [b for b in blocks[:12] if b.sequence != 10])
@@ -278,7 +258,7 @@ def test_what_waits_for_a_block_waits_over_a_restart(stops: bool, store: Store, 
     assert status.samples == 2000 and status.quality["late"] == 0
 
 
-def test_it_answers_while_it_resumes(store: Store, log: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_answers_while_it_resumes(store, log, monkeypatch):
     fleet = fleet_of(store)
     # The first one alone: most is in the journal.
     monkeypatch.setattr("fdd.service.storing.CHECKPOINT_S", 1e9)
@@ -295,9 +275,7 @@ def test_it_answers_while_it_resumes(store: Store, log: Samples, monkeypatch: py
     assert again.problems() == [] and again.axes()[0].samples == 40_000
 
 
-def test_a_store_that_is_away_at_the_start_is_waited_for(
-    store: Store, stop: threading.Event, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_store_that_is_away_at_the_start_is_waited_for(store, stop, monkeypatch):
     monkeypatch.setattr("fdd.service.storing.BACKOFF_S", (0.01, 0.01))
     plain, failures = Store.book, iter(range(3))
 

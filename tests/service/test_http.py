@@ -1,7 +1,5 @@
 """The API answers as documented; who may call what, what other sites' pages try, and where it listens."""
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 import json
@@ -10,7 +8,6 @@ import ssl
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -19,7 +16,6 @@ import httpx
 import pytest
 from fastapi.sse import ServerSentEvent
 from jsonschema import Draft202012Validator
-from starlette.testclient import TestClient
 
 from fdd.bounds import MAX_REQUEST_BYTES, MOST_LISTENERS
 from fdd.errors import InputError
@@ -32,46 +28,41 @@ from fdd.service.store import StoreTrouble
 from tests.service.fake import PAGE, World, bearer, client_of, made_up, on_a_port, service_of, three_tokens
 from tests.service.senders import certificate, until
 
-AXIS = "/api/axes/rig%2Faxis-1"
+AXIS = "/api/axes/F7%2Frudder"
 VIEWS = ("axes", "alarms", "audit", "session", "events")
 ADDRESSES = [
     *(("get", path, "view") for path in (AXIS, f"{AXIS}/trend", "/metrics", *(f"/api/{v}" for v in VIEWS))),
-    *(("post", f"/api/alarms/1/{act}", "acknowledge") for act in ("acknowledge", "shelve", "unshelve")),
+    *(("post", f"/api/alarms/3/{act}", "acknowledge") for act in ("acknowledge", "shelve", "unshelve")),
     ("delete", AXIS, "admin"),
 ]
 ROLES = ("view", "acknowledge", "admin")
 OPEN = {"/api/health", "/api/login", "/api/logout"}
 
 
-def two_axes() -> World:
-    made = World("rig/axis-1", "rig/axis-2")
-    made.raise_alarm("rig/axis-1")
-    return made
-
-
 @pytest.fixture
 def world() -> World:
-    return two_axes()
+    """Axes in all states; nobody has seen alarm 3 yet."""
+    return made_up()
 
 
 @pytest.fixture(scope="module")
 def served() -> World:
     """What `server` serves: tests with it change nothing there."""
-    return two_axes()
+    return made_up()
 
 
 @pytest.fixture(scope="module")
-def server(served: World) -> Iterator[Server]:
+def server(served):
     with on_a_port(served) as made:
         yield made
 
 
-def test_metrics_are_served_unless_the_configuration_says_no(world: World) -> None:
+def test_metrics_are_served_unless_the_configuration_says_no(world):
     assert client_of(world).get("/metrics").text == "fdd_axes 2\n"
     assert client_of(world, told=False).get("/metrics").status_code == 404
 
 
-def test_each_address_asks_for_its_role(world: World) -> None:
+def test_each_address_asks_for_its_role(world):
     tokens, text = three_tokens()
     client = client_of(world, tokens=tokens)
     paths = client_of(world).get("/openapi.json").json()["paths"]
@@ -86,7 +77,7 @@ def test_each_address_asks_for_its_role(world: World) -> None:
         for role in ROLES[: ROLES.index(needed)]:
             refused = client.request(method, path, headers=bearer(text[role]))
             assert refused.status_code == 403 and needed in refused.json()["error"], (path, role)
-    assert world.state_of(1) == "UNACK"
+    assert world.state_of(3) == "UNACK"
     for method, path, needed in ADDRESSES:
         if path != "/api/events":  # has no end
             allowed = client.request(method, path, headers=bearer(text[needed]))
@@ -96,7 +87,7 @@ def test_each_address_asks_for_its_role(world: World) -> None:
     assert client.get("/api/health", headers=bearer(text["view"])).json()["problems"] == ["fdd.db is full"]
 
 
-def test_a_token_is_kept_in_a_cookie_that_scripts_and_other_sites_never_get(world: World) -> None:
+def test_a_token_is_kept_in_a_cookie_that_scripts_and_other_sites_never_get(world):
     tokens, text = three_tokens()
     client = client_of(world, tokens=tokens, tls=Tls(cert=Path(), key=Path()))
     client.base_url = "https://127.0.0.1:8080"
@@ -106,13 +97,13 @@ def test_a_token_is_kept_in_a_cookie_that_scripts_and_other_sites_never_get(worl
     assert found.json() == {"name": "acknowledge-person", "role": "acknowledge", "tokens": True}
     cookie = found.headers["set-cookie"]
     assert all(part in cookie for part in ("HttpOnly", "SameSite=strict", "Secure", "Path=/", "Max-Age="))
-    assert client.post("/api/alarms/1/acknowledge").status_code == 403, "a form of another site"
-    assert client.post("/api/alarms/1/acknowledge", headers=PAGE).json()["acked_by"] == "acknowledge-person"
+    assert client.post("/api/alarms/3/acknowledge").status_code == 403, "a form of another site"
+    assert client.post("/api/alarms/3/acknowledge", headers=PAGE).json()["acked_by"] == "acknowledge-person"
     assert client.post("/api/logout", headers=PAGE).status_code == 204
     assert client.get("/api/axes").status_code == 401
 
 
-def test_the_file_of_tokens_holds_hashes_alone_and_errors_name_its_line(tmp_path: Path) -> None:
+def test_the_file_of_tokens_holds_hashes_alone_and_errors_name_its_line(tmp_path):
     token, line = new_token("ann", "admin")
     assert token not in line and line.split()[2] == hashlib.sha256(token.encode()).hexdigest()
     (tmp_path / "tokens").write_text(f"# people\n{line}  # till May\n")
@@ -131,13 +122,13 @@ def test_the_file_of_tokens_holds_hashes_alone_and_errors_name_its_line(tmp_path
             Tokens.parse(text)
 
 
-def test_another_sites_page_does_nothing_and_a_rebound_name_is_refused(world: World) -> None:
+def test_another_sites_page_does_nothing_and_a_rebound_name_is_refused(world):
     client = client_of(world, names=["rig-7"])
-    for path in ("/api/alarms/1/acknowledge", "/api/login", "/api/logout"):
+    for path in ("/api/alarms/3/acknowledge", "/api/login", "/api/logout"):
         for headers in ({}, {"origin": "null"}, {"content-type": "text/plain"}):
             refused = client.post(path, headers=headers, content=b"{}")
             assert refused.status_code == 403 and list(refused.json()) == ["error"]
-    assert world.state_of(1) == "UNACK"
+    assert world.state_of(3) == "UNACK"
     for host in ("evil.example", "localhost.evil.example:8080", "", "a b", "[evil", "192.0.2.7"):
         refused = client.get("/api/axes", headers={"host": host})
         assert refused.status_code == 400 and "axis" not in refused.text, host
@@ -146,7 +137,7 @@ def test_another_sites_page_does_nothing_and_a_rebound_name_is_refused(world: Wo
     assert client_of(world).get("/api/axes", headers={"host": "rig-7"}).status_code == 400
 
 
-def test_every_answer_carries_what_browsers_need_to_protect_it(world: World) -> None:
+def test_every_answer_carries_what_browsers_need_to_protect_it(world):
     client = client_of(world)
     for path in ("/", "/page/app.js", "/api/axes", "/api/nothing", "/api/axes/none", "/nowhere"):
         headers = client.get(path).headers
@@ -159,19 +150,17 @@ def test_every_answer_carries_what_browsers_need_to_protect_it(world: World) -> 
         assert "access-control-allow-origin" not in headers and "server" not in headers
 
 
-def test_a_body_without_end_is_refused(server: Server, served: World) -> None:
-    def pieces() -> Iterator[bytes]:
+def test_a_body_without_end_is_refused(server, served):
+    def pieces():
         for _ in range(MAX_REQUEST_BYTES // 1000 + 5):
             yield b" " * 1000
 
     with httpx.Client(trust_env=False) as client:
-        found = client.post(f"{server.address}api/alarms/1/acknowledge", content=pieces(), headers=PAGE)
-    assert found.status_code == 413 and served.state_of(1) == "UNACK"
+        found = client.post(f"{server.address}api/alarms/3/acknowledge", content=pieces(), headers=PAGE)
+    assert found.status_code == 413 and served.state_of(3) == "UNACK"
 
 
 class Listener:
-    """One listener on the events, with what it heard."""
-
     def __init__(self, server: Server, last: str | None = None) -> None:
         self.client = httpx.Client(timeout=20, trust_env=False)
         headers = {} if last is None else {"last-event-id": last}
@@ -193,7 +182,7 @@ class Listener:
         self.client.close()
 
 
-def test_small_answers_go_out_at_once(server: Server) -> None:
+def test_small_answers_go_out_at_once(server):
     """Head and body are two packets: held back for an acknowledgement, each answer would take 40 ms."""
     taken = []
     with httpx.Client(trust_env=False) as client:
@@ -204,7 +193,7 @@ def test_small_answers_go_out_at_once(server: Server) -> None:
     assert sorted(taken)[12] < 0.03
 
 
-def test_events_come_as_they_happen(server: Server, served: World) -> None:
+def test_events_come_as_they_happen(server, served):
     listener = Listener(server)
     served.bus.publish(Event("alarm", "rig/axis-1", 5.0, {"note": "a\nevent: evil\n\ndata: {}"}))
     event = listener.event()
@@ -216,7 +205,7 @@ def test_events_come_as_they_happen(server: Server, served: World) -> None:
     again.close()
 
 
-def test_who_falls_behind_is_told_to_begin_anew(world: World) -> None:
+def test_who_falls_behind_is_told_to_begin_anew(world):
     async def heard() -> list[ServerSentEvent]:
         hub = Hub(world.bus, threading.Event())
         async with asynccontextmanager(hub.listener)() as mine:
@@ -230,7 +219,7 @@ def test_who_falls_behind_is_told_to_begin_anew(world: World) -> None:
     assert told[0].event == "reset" and f'{{"k":{KEPT + 9}}}' in str(told[-1].raw_data)
 
 
-def test_listeners_are_bounded_and_leave_room_when_they_go(server: Server) -> None:
+def test_listeners_are_bounded_and_leave_room_when_they_go(server):
     with ThreadPoolExecutor(MOST_LISTENERS + 20) as many:  # at once: none reads before the others are there
         listeners = list(many.map(lambda _: Listener(server), range(MOST_LISTENERS + 20)))
     assert sorted(one.status for one in listeners) == [200] * MOST_LISTENERS + [503] * 20
@@ -245,7 +234,9 @@ def test_listeners_are_bounded_and_leave_room_when_they_go(server: Server) -> No
     until(one_more, 20.0)
 
 
-def test_tls_by_certificate_and_key(world: World, tmp_path: Path) -> None:
+def test_tls_by_certificate_and_key_and_a_port_that_is_taken_is_told_in_one_line(world, tmp_path):
+    with on_a_port(world) as taken, pytest.raises(InputError, match=r"cannot be listened on.*--port"):
+        Server(service_of(world, port=int(taken.address.rstrip("/").rpartition(":")[2])))
     cert, key = certificate(tmp_path, "localhost")
     trusted = ssl.create_default_context(cafile=str(cert))
     with on_a_port(world, tls=Tls(cert=cert, key=key)) as server:
@@ -255,24 +246,13 @@ def test_tls_by_certificate_and_key(world: World, tmp_path: Path) -> None:
             urllib.request.urlopen(server.address.replace("https", "http"), timeout=5)
 
 
-def test_what_cannot_be_listened_on_is_told_in_one_line(world: World) -> None:
-    with on_a_port(world) as taken, pytest.raises(InputError, match=r"cannot be listened on.*--port"):
-        Server(service_of(world, port=int(taken.address.rstrip("/").rpartition(":")[2])))
-
-
 @pytest.fixture
-def full() -> World:
-    """Axes in all states."""
-    return made_up()
+def client(world):
+    return client_of(world)
 
 
-@pytest.fixture
-def client(full: World) -> TestClient:
-    return client_of(full)
-
-
-def test_answers_are_as_documented_and_not_a_number_is_null(client: TestClient, full: World) -> None:
-    full.details["F7/aileron-R"].misfits.values["volume"][0] = math.nan
+def test_answers_are_as_documented_and_not_a_number_is_null(client, world):
+    world.details["F7/aileron-R"].misfits.values["volume"][0] = math.nan
     document = client.get("/openapi.json").json()
     assert document["openapi"] == "3.1.0" and "422" not in json.dumps(document)
     for path, asked in (
@@ -292,17 +272,14 @@ def test_answers_are_as_documented_and_not_a_number_is_null(client: TestClient, 
     assert client.get("/api/axes/F7/aileron-R").json()["misfits"]["values"]["volume"][0] is None
 
 
-def test_alarms_are_given_by_state(client: TestClient) -> None:
+def test_alarms_are_given_by_state_and_acts_reach_the_fleet_with_who_and_note(client, world):
     def states(query: str) -> list[str]:
         return [a["state"] for a in client.get(f"/api/alarms{query}").json()["alarms"]]
 
     assert states("") == states("?state=all") == ["UNACK", "UNACK", "ACKED", "SHELVED"]
     assert client.post("/api/alarms/1/unshelve", headers=PAGE).status_code == 200
     assert states("?state=UNACK,SHELVED") == ["UNACK"] * 3 and states("?limit=1") == ["UNACK"]
-
-
-def test_acts_reach_the_fleet_with_who_and_note(client: TestClient, full: World) -> None:
-    id = full.raise_alarm("F3/rudder", "low", fault="coupling_wear", family="motor")
+    id = world.raise_alarm("F3/rudder", "low", fault="coupling_wear", family="motor")
     done = client.post(f"/api/alarms/{id}/acknowledge", json={"note": "seen"}, headers=PAGE)
     assert done.status_code == 200
     assert (done.json()["state"], done.json()["acked_by"], done.json()["note"]) == ("ACKED", "local", "seen")
@@ -316,7 +293,7 @@ def test_acts_reach_the_fleet_with_who_and_note(client: TestClient, full: World)
     assert actions == ["UNSHELVED", "SHELVED", "ACKNOWLEDGED", "RAISED"]
 
 
-def test_a_body_that_is_not_as_documented_is_refused_in_one_line(client: TestClient, full: World) -> None:
+def test_a_body_that_is_not_as_documented_is_refused_in_one_line(client, world):
     bodies = [("acknowledge", body) for body in (b"[1]", b"{", b'{"note": 3}', b"\xff",
               b'{"note": "x", "who": "boss"}', json.dumps({"note": "n" * 1001}).encode())]  # fmt: skip
     minutes = (b"0", b"-5", b"10081", b'"1"', b"null", b"Infinity")
@@ -324,31 +301,29 @@ def test_a_body_that_is_not_as_documented_is_refused_in_one_line(client: TestCli
         refused = client.post(f"/api/alarms/4/{act}", content=body, headers=PAGE)
         assert refused.status_code == 400, body
         assert list(refused.json()) == ["error"] and "\n" not in refused.json()["error"]
-    assert full.state_of(4) == "UNACK"
+    assert world.state_of(4) == "UNACK"
 
 
-def test_troubles_are_told_and_tell_nothing_of_the_inside(
-    client: TestClient, full: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    full.trouble = StoreTrouble("the store is locked", where="fdd.db")
+def test_troubles_are_told_and_tell_nothing_of_the_inside(client, world, monkeypatch):
+    world.trouble = StoreTrouble("the store is locked", where="fdd.db")
     refused = client.post("/api/alarms/4/acknowledge", headers=PAGE)
     assert refused.status_code == 503 and "the store is locked" in refused.json()["error"]
-    full.trouble = None
+    world.trouble = None
     assert client.post("/api/alarms/4/acknowledge", headers=PAGE).status_code == 200, "it passes"
 
     def damaged(*args: object, **more: object) -> list[dict]:
         raise InputError("the store is damaged", where="fdd.db", mend="put a backup in its place")
 
-    monkeypatch.setattr(full.store, "alarms", damaged)
+    monkeypatch.setattr(world.store, "alarms", damaged)
     found, told = client.get("/api/alarms"), "fdd.db: the store is damaged; put a backup in its place"
     assert (found.status_code, found.json()) == (500, {"error": told})
-    monkeypatch.setattr(full, "axes", lambda: 1 / 0)
+    monkeypatch.setattr(world, "axes", lambda: 1 / 0)
     found = client.get("/api/axes")
     assert (found.status_code, found.json()) == (500, {"error": "internal error"})
     assert found.headers["x-content-type-options"] == "nosniff"
 
 
-def test_wrong_questions_are_answered_in_one_line(client: TestClient) -> None:
+def test_wrong_questions_are_answered_in_one_line(client):
     axes, trend = "/api/axes/nobody", "/api/axes/F7%2Frudder/trend?"
     missing = (axes, f"{axes}/trend", "/api/nothing", "/page/none.js", "/page/../app.py")
     wrong = [f"{trend}{asked}" for asked in ("level=second", "since=x", "since=nan", "quantity=a'%20or%201")]

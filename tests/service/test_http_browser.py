@@ -1,20 +1,108 @@
 """The page in a real Chromium: alarms come in, are acknowledged by keyboard, and names stay text."""
 
-from __future__ import annotations
-
+import json
+import shutil
+import subprocess
+import tempfile
 import time
-from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from fdd.service.bus import Event
-from fdd.service.http.app import Server
 from fdd.service.status import Bands, Series
-from tests.service.browser import Browser
 from tests.service.fake import World, made_up, on_a_port, three_tokens
+from tests.service.senders import until
 
 pytestmark = pytest.mark.slow
 EVIL = """<script>window.evil=1</script><img src=x onerror="window.evil=1">"""
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage",
+    "--remote-debugging-port=0", "--remote-allow-origins=*", "--hide-scrollbars",
+)  # fmt: skip
+KEYS = {"Enter": ("\r", 13), "Escape": ("", 27), "Tab": ("", 9), "ArrowDown": ("", 40)}
+TOLD = ("Runtime.exceptionThrown", "Log.entryAdded", "Page.javascriptDialogOpening")
+
+
+class Browser:
+    """One page in one Chromium without a window, driven over its DevTools protocol."""
+
+    def __init__(self) -> None:
+        if CHROMIUM is None:
+            pytest.skip("no Chromium on this machine")
+        connect = pytest.importorskip("websockets.sync.client", reason="needs websockets").connect
+        self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        command = [CHROMIUM, *FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"]
+        self._process = subprocess.Popen(command, **quiet)
+        told = Path(self._folder.name) / "DevToolsActivePort"
+        until(lambda: told.exists() and told.read_text().count("\n"), 60.0)
+        port, path = told.read_text().splitlines()[:2]
+        self._line = connect(f"ws://127.0.0.1:{port}{path}", max_size=1 << 26, proxy=None)
+        self._number, self._session = 0, ""
+        self.said: list[str] = []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+        self.size()
+
+    def size(self, width: int = 1280) -> None:
+        """Make the window so wide; below 600 as a phone."""
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
+
+    def close(self) -> None:
+        self._line.close()
+        self._process.terminate()
+        self._process.wait(20)
+        self._folder.cleanup()
+
+    def call(self, method: str, **params: Any) -> dict[str, Any]:
+        self._number += 1
+        message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
+        if self._session:
+            message["sessionId"] = self._session
+        self._line.send(json.dumps(message))
+        while True:
+            heard = json.loads(self._line.recv(timeout=60))
+            advice = heard.get("params", {}).get("entry", {}).get("level") in ("verbose", "info")
+            if heard.get("method") in TOLD and not advice:
+                self.said.append(json.dumps(heard["params"])[:600])
+            if heard.get("id") == self._number:
+                assert "error" not in heard, heard
+                return dict(heard["result"])
+
+    def open(self, address: str) -> None:
+        self.call("Page.navigate", url=address)
+
+    def run(self, script: str) -> Any:
+        found = self.call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
+
+    def wait(self, script: str, seconds: float = 30.0) -> Any:
+        end = time.monotonic() + seconds
+        # While a page loads there may be no document yet.
+        asked = f"(() => {{ try {{ return !!({script}) }} catch {{ return false }} }})()"
+        while not (found := self.run(asked)):
+            says = self.run("document.body?.innerText") or ""
+            assert time.monotonic() < end, f"never true: {script}; it says {says[:600]!r}, {self.said}"
+            time.sleep(0.1)
+        return found
+
+    def press(self, key: str) -> None:
+        text, code = KEYS.get(key, (key, ord(key[0].upper())))
+        name = key if key in KEYS else f"Key{key.upper()}"
+        named = {"key": key, "windowsVirtualKeyCode": code, "code": name}
+        self.call("Input.dispatchKeyEvent", type="keyDown", text=text, **named)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **named)
+
+    def type(self, text: str) -> None:
+        self.call("Input.insertText", text=text)
 
 
 @pytest.fixture
@@ -23,13 +111,13 @@ def world() -> World:
 
 
 @pytest.fixture
-def server(world: World) -> Iterator[Server]:
+def server(world):
     with on_a_port(world) as made:
         yield made
 
 
 @pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
+def chromium():
     """One for all tests, as it takes seconds to start."""
     made = Browser()
     yield made
@@ -37,7 +125,7 @@ def chromium() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def browser(chromium: Browser) -> Iterator[Browser]:
+def browser(chromium):
     chromium.open("about:blank")
     chromium.wait("location.href === 'about:blank'")
     chromium.said.clear()  # of a server that was ended
@@ -49,7 +137,7 @@ def text(selector: str) -> str:
     return f"document.querySelector('{selector}')?.innerText"
 
 
-def test_an_alarm_is_acknowledged_by_keyboard(browser: Browser, server: Server, world: World) -> None:
+def test_an_alarm_is_acknowledged_by_keyboard(browser, server, world):
     browser.open(f"{server.address}#/alarms")
     browser.wait(f"{text('#live')} === 'Live' && {text('#badge')} === '2'")
     count = "performance.getEntriesByType('resource').filter((e) => e.name.endsWith('/api/axes')).length"
@@ -78,7 +166,7 @@ def test_an_alarm_is_acknowledged_by_keyboard(browser: Browser, server: Server, 
     assert browser.run("document.activeElement.dataset.alarm") == str(id), "the focus comes back"
 
 
-def test_search_and_filters(browser: Browser, server: Server) -> None:
+def test_search_and_filters(browser, server):
     browser.open(server.address)
     rows = "document.querySelectorAll('.fleet tbody tr').length"
     browser.wait(f"{rows} === 8")
@@ -94,7 +182,7 @@ def test_search_and_filters(browser: Browser, server: Server) -> None:
     browser.wait(f"{rows} === 1")
 
 
-def test_each_page_says_what_is_so_and_in_whose_time(browser: Browser, server: Server, world: World) -> None:
+def test_each_page_says_what_is_so_and_in_whose_time(browser, server, world):
     status = world.details["F7/aileron-R"].status
     status.silent, status.zone, status.clock, status.last_wall = True, "Asia/Tokyo", 1.7e9, 1.7e9 + 600.0
     nothing = dict.fromkeys(("estimates", "misfits", "probabilities"), Series()) | {"signals": Bands()}
@@ -114,7 +202,7 @@ def test_each_page_says_what_is_so_and_in_whose_time(browser: Browser, server: S
     browser.wait(f"{text('#main')}.includes('after five seconds of data')")
 
 
-def test_everything_fits_the_window_and_is_reached_by_tab_in_sight(browser: Browser, server: Server) -> None:
+def test_everything_fits_the_window_and_is_reached_by_tab_in_sight(browser, server):
     for view in ("", "#/alarms", "#/axis/F7%2Faileron-R", "#/history"):
         browser.open("about:blank")
         browser.open(f"{server.address}{view}")
@@ -137,7 +225,7 @@ def test_everything_fits_the_window_and_is_reached_by_tab_in_sight(browser: Brow
         assert len(seen) == wanted, view
 
 
-def test_markup_in_names_and_notes_runs_nothing(browser: Browser, server: Server, world: World) -> None:
+def test_markup_in_names_and_notes_runs_nothing(browser, server, world):
     world.details[EVIL] = world.details["F7/rudder"].model_copy(deep=True)
     status = world.details[EVIL].status
     status.name = status.headline = status.unit = EVIL
@@ -153,7 +241,7 @@ def test_markup_in_names_and_notes_runs_nothing(browser: Browser, server: Server
     assert browser.run("document.querySelectorAll('main script, main img').length") == 0
 
 
-def test_a_lost_connection_and_a_store_in_trouble_are_told(browser: Browser, world: World) -> None:
+def test_a_lost_connection_and_a_store_in_trouble_are_told(browser, world):
     world.health |= {"status": "degraded", "problems": ["fdd.db: the store is locked"]}
     with on_a_port(world) as server:
         browser.open(server.address)
@@ -164,7 +252,7 @@ def test_a_lost_connection_and_a_store_in_trouble_are_told(browser: Browser, wor
     browser.said = [line for line in browser.said if "ERR_" not in line]
 
 
-def test_a_token_is_asked_for_and_view_may_not_act(browser: Browser, world: World) -> None:
+def test_a_token_is_asked_for_and_view_may_not_act(browser, world):
     tokens, secret = three_tokens()
     with on_a_port(world, tokens=tokens) as server:
         browser.open(server.address)

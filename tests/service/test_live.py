@@ -1,13 +1,11 @@
 """What `fdd serve` finds in a log that comes by MQTT, late, overtaken, with holes, `fdd diagnose` finds."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
 import runpy
-import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +22,10 @@ from fdd.samples import Samples
 from fdd.service.axis import AxisWatch
 from fdd.service.blocks import Block, Decoder
 from fdd.service.config import Serve
-from fdd.service.service import Service
 from fdd.service.store import Store
 from fdd.unit import Unit
-from tests.service.brokers import Broker, Client, needs_mosquitto
-from tests.service.senders import until
+from tests.service.senders import serving, until
+from tests.service.servers import Broker, Client, needs_mosquitto
 
 pytestmark = needs_mosquitto
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -72,16 +69,15 @@ def unlike(place: str, one: Any, other: Any) -> list[str]:
 
 def wrong(folder: Path, logs: list[Path], unit: str, *more: object, patience: float = 60.0) -> list[str]:
     """Where the service and `fdd diagnose` differ on logs that were published over a bad line."""
-    broker, stop = Broker(folder), threading.Event()
+    broker = Broker(folder)
     config = Serve.from_yaml(
         f"schema: fdd.serve/1\nfallback: {unit}\nlisten: {{port: 0}}\nsources:\n"
         f"- {{type: mqtt, host: 127.0.0.1, port: {broker.port}, topics: ['fdd/{{axis}}/blocks']}}\n",
         folder=folder,
     )  # fmt: skip
-    service = Service(config)
-    running = threading.Thread(target=service.run, args=(stop,))
-    running.start()
-    try:
+    with ExitStack() as running:
+        running.callback(broker.kill)
+        service = running.enter_context(serving(config))
         heard = Client(broker, listens="fdd/#")
         until(lambda: service.health()["status"] == "ok")
         ran("publish", *logs, "--mqtt", f"mqtt://127.0.0.1:{broker.port}", *BAD_LINE, *more)
@@ -89,10 +85,6 @@ def wrong(folder: Path, logs: list[Path], unit: str, *more: object, patience: fl
         rows = {axis: sum(len(block.samples) for block in blocks) for axis, blocks in came.items()}
         until(lambda: {s.name: s.samples + s.quality["late"] for s in service.fleet.axes()} == rows, patience)
         quality = {status.name: status.quality for status in service.fleet.axes()}
-    finally:
-        stop.set()
-        running.join(60.0)
-        broker.kill()
     out, store = [], Store(config.store_url)
     for axis, blocks in came.items():
         numbers = np.array([block.sequence for block in blocks])
@@ -121,14 +113,15 @@ def wrong(folder: Path, logs: list[Path], unit: str, *more: object, patience: fl
     return out
 
 
-def test_a_simulated_axis_on_a_bad_line(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_simulated_axis_on_a_bad_line(tmp_path):
     write_parquet(tmp_path / "leaks.parquet", leaking(35.0, 18.0))
     assert wrong(tmp_path, [tmp_path / "leaks.parquet"], "axis_a") == []
 
 
 @pytest.mark.skipif(not RIGS.is_dir(), reason="FDD_TEST_RIGS names no folder of the rigs' logs")
 @pytest.mark.parametrize("rig", [f"rig{k}" for k in range(6)])
-def test_rigs_on_a_bad_line(rig: str, tmp_path: Path) -> None:
+def test_rigs_on_a_bad_line(rig, tmp_path):
     profile, channel_map = tmp_path / f"{rig}.yaml", EXAMPLES / f"{rig}.map.yaml"
     runpy.run_path(str(EXAMPLES / "rig_answers.py"))["identified"](RIGS / rig).save(profile)
     logs = sorted((RIGS / rig).glob("run*"))

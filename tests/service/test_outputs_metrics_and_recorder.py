@@ -1,7 +1,5 @@
 """Metrics as Prometheus reads them; recordings as fdd.logs reads them, whatever cuts them off."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -59,7 +57,7 @@ def metrics_of(*axes: AxisStatus, alarms: Any = lambda states: [transition()["al
     fleet = SimpleNamespace(axes=lambda: axes, writer=SimpleNamespace(errors=2.0))
     store, outputs = SimpleNamespace(alarms=alarms), SimpleNamespace(status=lambda: OUTPUTS)
     service = SimpleNamespace(fleet=fleet, store=store, outputs=outputs, sources=lambda: SOURCES)
-    return Metrics(service)  # type: ignore[arg-type]
+    return Metrics(service)
 
 
 def samples(*axes: AxisStatus, **given: Any) -> list[Any]:
@@ -73,7 +71,7 @@ def scraped(*axes: AxisStatus, **given: Any) -> dict[tuple[str, ...], float]:
     return {(one.name, *(one.labels[label] for label in sorted(one.labels))): one.value for one in told}
 
 
-def test_values_arrive_and_what_is_not_known_is_not_told() -> None:
+def test_values_arrive_and_what_is_not_known_is_not_told():
     found = scraped(axis())
     wanted: dict[tuple[str, ...], float] = {
         ("fdd_samples_total", "A1"): 60000,
@@ -110,7 +108,7 @@ def test_values_arrive_and_what_is_not_known_is_not_told() -> None:
     assert scraped(axis(state="failed", quality={"refused": 7}))["fdd_dropped_samples_total", "A1"] == 7
 
 
-def test_alarms_are_counted_and_a_store_in_trouble_takes_only_them_away() -> None:
+def test_alarms_are_counted_and_a_store_in_trouble_takes_only_them_away():
     alarms = [transition(id=1)["alarm"], transition(id=2)["alarm"], transition(axis="gone")["alarm"]]
     found = scraped(axis(), alarms=lambda states: alarms)
     counts = {key[1:]: value for key, value in found.items() if key[0] == "fdd_alarms"}
@@ -123,15 +121,12 @@ def test_alarms_are_counted_and_a_store_in_trouble_takes_only_them_away() -> Non
     assert "fdd_alarms" not in names and {"fdd_store_errors_total", "fdd_samples_total"} <= names
 
 
-def test_series_are_bounded() -> None:
+def test_series_are_bounded_and_openmetrics_is_answered_where_it_is_asked_for():
     found = scraped(*(axis(f"axis-{k:05}") for k in range(MOST_AXES)))
     assert found["fdd_axes",] == MOST_AXES
     assert len({key[1] for key in found if key[0] == "fdd_samples_total"}) == MOST_AXES
     per_axis = sum("axis-00001" in key for key in found)
     assert per_axis <= 40 and len(found) <= MOST_AXES * per_axis + 60
-
-
-def test_openmetrics_is_answered_where_it_is_asked_for() -> None:
     body, kind = metrics_of(axis())("application/openmetrics-text; version=1.0.0")
     assert kind.startswith("application/openmetrics-text") and body.endswith(b"# EOF\n")
     assert "fdd_axis_up" in {family.name for family in parse_open(body.decode())}
@@ -145,7 +140,7 @@ def expressions(node: Any) -> list[str]:
     return [e for item in node for e in expressions(item)] if isinstance(node, list) else []
 
 
-def test_the_dashboard_asks_for_metrics_that_exist() -> None:
+def test_the_dashboard_asks_for_metrics_that_exist_and_the_page_names_each():
     known = dict.fromkeys(UNITS, estimate("", 1.0, 1.0, 1.0, True))
     labels = dict[str, set[str]]()
     for sample in samples(axis(estimates=known)):
@@ -164,9 +159,6 @@ def test_the_dashboard_asks_for_metrics_that_exist() -> None:
     wanted = {f"fdd_{q}{part}_{unit}" for q, unit in UNITS.items() for part in ("", "_stddev")}
     wanted |= {"fdd_alarms", "fdd_axis_state", "fdd_block_lag_seconds", "fdd_dropped_samples_total"}
     assert wanted <= used
-
-
-def test_the_page_names_every_metric() -> None:
     page = (Path(__file__).parents[2] / "docs" / "serve-outputs.md").read_text("utf-8")
     ours = {sample.name for sample in samples(axis()) if "fdd_" in sample.name}
     assert {name for name in ours if f"`{name}`" not in page and "_stddev" not in name} == set()
@@ -236,7 +228,7 @@ def same(samples: Samples, first: float) -> None:
         np.testing.assert_array_equal(samples[name], wanted[name], err_msg=name)
 
 
-def test_a_recording_is_what_was_measured_before_and_after(tmp_path: Path) -> None:
+def test_a_recording_is_what_was_measured_before_and_after(tmp_path):
     rig = Rig(tmp_path)
     rig.stream(START, START + 100)
     for k in range(10):
@@ -262,7 +254,7 @@ def test_a_recording_is_what_was_measured_before_and_after(tmp_path: Path) -> No
     assert json.loads(metadata["diagnosis"]["json"])["alarms"][0]["action"] == "RAISED"
 
 
-def test_log_times_are_unix_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_log_times_are_unix_times(tmp_path, monkeypatch):
     now = 1.8e9
     monkeypatch.setattr(recorder_module.time, "time", lambda: now)
     rig = Rig(tmp_path)
@@ -277,7 +269,7 @@ def test_log_times_are_unix_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         assert messages(path)[f"/eha/{axis}/measurement"][-1][0] == pytest.approx(end, abs=1.0)
 
 
-def test_a_second_alarm_extends_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_alarm_extends_the_file(tmp_path, monkeypatch):
     rig = Rig(tmp_path)
     rig.stream(START, START + 30)
     rig.alarm(START + 30, id=1)
@@ -298,9 +290,7 @@ def test_a_second_alarm_extends_the_file(tmp_path: Path, monkeypatch: pytest.Mon
     assert lengths and max(lengths) <= 62.0
 
 
-def test_what_is_no_new_alarm_records_nothing_and_a_silent_axis_leaves_its_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_new_alarm_records_nothing_and_a_silent_axis_leaves_its_file(tmp_path, monkeypatch):
     rig, name = Rig(tmp_path / "in"), "../../hall/A1"
     rig.stream(START, START + 30, name)
     rig.alarm(START + 30, name, action="ACKNOWLEDGED", state="ACKED")
@@ -316,7 +306,7 @@ def test_what_is_no_new_alarm_records_nothing_and_a_silent_axis_leaves_its_file(
     assert path.name.split("_2")[0] == "_._.._hall_A1" and [p.name for p in tmp_path.iterdir()] == ["in"]
 
 
-def test_a_clock_that_is_set_back_ends_the_recording(tmp_path: Path) -> None:
+def test_a_clock_that_is_set_back_ends_the_recording(tmp_path):
     rig = Rig(tmp_path)
     rig.stream(START, START + 30)
     rig.alarm(START + 30)
@@ -330,7 +320,7 @@ def test_a_clock_that_is_set_back_ends_the_recording(tmp_path: Path) -> None:
     same(read_log(other).samples, START - 500)
 
 
-def test_the_folder_stays_within_its_bound_and_others_files_stay(tmp_path: Path) -> None:
+def test_the_folder_stays_within_its_bound_and_others_files_stay(tmp_path):
     (tmp_path / "notes.mcap").write_bytes(b"x" * 5_000_000)
     most = 1 << 20
     rig = Rig(tmp_path, most_bytes=most, before=5.0, after=5.0)
@@ -349,7 +339,7 @@ def test_the_folder_stays_within_its_bound_and_others_files_stay(tmp_path: Path)
     assert sorted(p for p in rig.files() if p.name != "notes.mcap") == [ours[0]]
 
 
-def test_a_full_disk_is_told_and_the_next_recording_is_whole(tmp_path: Path) -> None:
+def test_a_full_disk_is_told_and_the_next_recording_is_whole(tmp_path):
     rig = Rig(tmp_path)
     rig.stream(START, START + 30)
     with full_disk(20_000):
@@ -363,7 +353,7 @@ def test_a_full_disk_is_told_and_the_next_recording_is_whole(tmp_path: Path) -> 
     assert rig.recorder.status()["last_error"] == ""
 
 
-def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_bounded(tmp_path, monkeypatch):
     rig = Rig(tmp_path)
     rig.stream(START, START + 200)
     axis = rig.recorder._axes["A1"]

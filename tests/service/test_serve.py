@@ -1,53 +1,32 @@
 """`fdd serve` as a whole: a log replayed, its alarm over HTTP, acknowledged, and kept over a restart."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from stores import postgres_server, postgres_url
 from typer.testing import CliRunner
 
 from fdd.cli import serve
 from fdd.cli.app import app
-from fdd.diagnosis.model import Model
-from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.logs.tabular_writing import write_parquet
-from fdd.samples import Samples
 from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
 from fdd.service.service import Service
 from fdd.service.store import Store
-from fdd.unit import Unit
-from tests.service.senders import until
+from tests.service.senders import serving, until
+from tests.service.servers import postgres_server, postgres_url
 
 BASE = "schema: fdd.serve/1\nfallback: axis_a\nlisten: {port: 0}\n"
 UDP = f"{BASE}sources: [{{type: udp, port: 0}}]\n"
-
-
-@contextmanager
-def serving(config: Serve) -> Iterator[Service]:
-    stop, service = threading.Event(), Service(config)
-    running = threading.Thread(target=service.run, args=(stop,))
-    running.start()
-    try:
-        yield service
-    finally:
-        stop.set()
-        running.join(60.0)
-    assert not running.is_alive()
 
 
 def ask(service: Service, path: str, body: dict[str, Any] | None = None) -> Any:
@@ -57,9 +36,7 @@ def ask(service: Service, path: str, body: dict[str, Any] | None = None) -> Any:
     return answer.raise_for_status().json()
 
 
-def test_a_leak_is_told_acknowledged_recorded_and_kept_and_what_is_refused_is_told(
-    log: Samples, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_leak_is_told_acknowledged_recorded_and_kept_and_what_is_refused_is_told(log, tmp_path, caplog):
     write_parquet(tmp_path / "run.parquet", log)
     sources = "[{type: tcp, port: 0, name: line}, {type: replay, speed: max, logs: {A1: run.parquet}}]"
     text = f"{BASE}outputs: {{recording: {{folder: kept}}}}\nsources: {sources}"
@@ -95,9 +72,8 @@ def test_a_leak_is_told_acknowledged_recorded_and_kept_and_what_is_refused_is_to
         assert done.count("RAISED") == 1 and "ACKNOWLEDGED" in done
 
 
-def test_a_server_that_is_away_at_the_start_or_killed_later_is_told_and_nothing_is_lost(
-    log: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.slow
+def test_a_server_that_is_away_at_the_start_or_killed_later_loses_nothing(log, whole, tmp_path, monkeypatch):
     write_parquet(tmp_path / "run.parquet", log)
     url = postgres_url()
     text = f"{BASE}store: {url}\nsources: [{{type: replay, speed: 10, logs: {{A1: run.parquet}}}}]"
@@ -120,14 +96,13 @@ def test_a_server_that_is_away_at_the_start_or_killed_later_is_told_and_nothing_
         until(lambda: samples() == len(log))
         until(lambda: ask(service, "alarms")["alarms"])
     store = Store(url)
-    whole = Pipeline(Unit.load("axis_a"), Model.load(), keep_trajectories=False).push(log)
     assert [(f["onset"], f["severity"]) for f in store.findings()] == [(f.onset_s, f.severity) for f in whole]
     assert [a["action"] for a in store.audit()] == ["RAISED"] * len(whole) == ["RAISED"]
     assert store.journal("A1") == [] and store.axes()[0]["last_time"] == log.time[-1]
     store.close()
 
 
-def test_the_command_checks_a_file_and_makes_tokens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_checks_a_file_and_makes_tokens(tmp_path, monkeypatch):
     run, path = CliRunner().invoke, tmp_path / "serve.yaml"
     path.write_text(UDP)
     checked = run(app, ["serve", str(path), "--check"])
@@ -142,7 +117,7 @@ def test_the_command_checks_a_file_and_makes_tokens(tmp_path: Path, monkeypatch:
         assert refused.exit_code == 2 and "install fdd[serve]" in refused.output
 
 
-def test_a_fleet_that_fails_ends_the_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fleet_that_fails_ends_the_service(tmp_path, monkeypatch):
     """Not with status 0, by which nobody would start it again."""
     for error in (InputError("the store is damaged"), RuntimeError("a fault of fdd")):
 
@@ -155,7 +130,7 @@ def test_a_fleet_that_fails_ends_the_service(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.skipif(os.name == "nt", reason="sends signals")
-def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
+def test_two_signals_at_once_end_it(tmp_path):
     """A process manager and its wrapper may both send one: it must not wait for itself."""
     (tmp_path / "serve.yaml").write_text(UDP)
     program = "import sys; from fdd.cli import main; sys.argv[0] = 'fdd'; main()"
@@ -187,7 +162,7 @@ def test_two_signals_at_once_end_it(tmp_path: Path) -> None:
         "outputs: {recording: {folder: serve.yaml/none}}",
     ],
 )
-def test_whatever_the_file_names_is_opened_before_anything_is_made(line: str, tmp_path: Path) -> None:
+def test_whatever_the_file_names_is_opened_before_anything_is_made(line, tmp_path):
     path = tmp_path / "serve.yaml"
     sources = "" if line.startswith("sources") else "sources: [{type: udp, port: 0}]\n"
     path.write_text(f"schema: fdd.serve/1\n{line}\n{sources}")
@@ -198,7 +173,7 @@ def test_whatever_the_file_names_is_opened_before_anything_is_made(line: str, tm
     assert [p.name for p in tmp_path.iterdir()] == ["serve.yaml"], "nothing half-made"
 
 
-def test_a_demo_removes_what_a_killed_one_has_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_demo_removes_what_a_killed_one_has_left(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     (tmp_path / "fdd-demo-killed").mkdir()
     (tmp_path / "fdd-demo-killed" / ".lock").touch()

@@ -1,7 +1,5 @@
 """The alarm book against the rules of ISA-18.2 as written here, by random histories and by single cases."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any
@@ -105,7 +103,7 @@ class Plant(RuleBasedStateMachine):
         self.wall += passed
         ids = sorted({a.id for a in self.book.alarms()} | {999})
         id = data.draw(of(*ids))
-        done_by = Action(action, id, "ann", "a note", self.wall + 300.0)  # type: ignore[arg-type]
+        done_by = Action(action, id, "ann", "a note", self.wall + 300.0)
         state = {a.id: a.state for a in self.book.alarms()}.get(id)
         if not any(a == BY_PEOPLE[action] and before == state for a, before, _ in DIAGRAM):
             before_it = json.dumps(self.book.state())
@@ -173,7 +171,7 @@ class Looks:
         return [(t.action, t.alarm.fault) for t in out]
 
 
-def test_a_whole_life() -> None:
+def test_a_whole_life():
     look = Looks()
     assert look(finding()) == [("RAISED", "pump_wear")]
     assert look.book.act(Action("acknowledge", 1, "ann", "on my way"), WALL).alarm.acked_by == "ann"
@@ -186,7 +184,7 @@ def test_a_whole_life() -> None:
     assert look.book.alarms()[0].id == 2
 
 
-def test_a_second_fault_has_an_alarm_of_its_own_unless_it_is_of_the_firsts_ambiguity_group() -> None:
+def test_a_second_fault_has_an_alarm_of_its_own_unless_it_is_of_the_firsts_ambiguity_group():
     look = Looks()
     look(finding())
     assert look(finding(), finding("aeration", "aeration")) == [("RAISED", "aeration")]
@@ -217,13 +215,13 @@ def test_a_second_fault_has_an_alarm_of_its_own_unless_it_is_of_the_firsts_ambig
         (finding(low=0.0, confidence=0.3), "low"),
     ],
 )
-def test_priority(found: FaultFinding, priority: str) -> None:
+def test_priority(found, priority):
     look = Looks()
     look(found)
     assert look.book.alarms()[0].priority == priority
 
 
-def test_a_growing_fault_asks_for_attention_again_once_a_level() -> None:
+def test_a_growing_fault_asks_for_attention_again_once_a_level():
     look = Looks()
     look(finding(low=0.2))
     look.book.act(Action("acknowledge", 1, "ann"), WALL)
@@ -235,7 +233,7 @@ def test_a_growing_fault_asks_for_attention_again_once_a_level() -> None:
     assert look.book.alarms()[0].priority == "urgent"
 
 
-def test_a_clock_that_is_set_back_neither_ends_an_alarm_nor_holds_it_for_ever() -> None:
+def test_a_clock_that_is_set_back_neither_ends_an_alarm_nor_holds_it_for_ever():
     book = AlarmBook()
     book.update("A1", 1e6, WALL, [finding()])
     book.update("A1", 1e6 + 50.0, WALL + 50.0, [])
@@ -243,7 +241,7 @@ def test_a_clock_that_is_set_back_neither_ends_an_alarm_nor_holds_it_for_ever() 
     assert [t.action for t in book.update("A1", 10.0, WALL + 61.0, [])] == ["RETURNED"]
 
 
-def test_a_shelf_ends_within_a_week_and_what_people_write_is_kept_as_text_and_no_more() -> None:
+def test_a_shelf_ends_within_a_week_and_what_people_write_is_kept_as_text_and_no_more():
     look = Looks()
     look(finding())
     for ahead in (0.0, -1.0, 7 * 86400.0 + 1.0, math.inf, math.nan):
@@ -256,7 +254,7 @@ def test_a_shelf_ends_within_a_week_and_what_people_write_is_kept_as_text_and_no
     assert said.note.startswith("naïve 油\nsecond line[31mxx")
 
 
-def test_state_of_another_version_is_read_as_far_as_it_is_known() -> None:
+def test_state_of_another_version_is_read_as_far_as_it_is_known():
     look, book = Looks(), AlarmBook()
     look(finding())
     state = look.book.state()
@@ -269,7 +267,7 @@ def test_state_of_another_version_is_read_as_far_as_it_is_known() -> None:
     assert [(t.alarm.id, t.action, t.alarm.state) for t in book.tick(WALL)] == [(1, "UNSHELVED", "UNACK")]
 
 
-def test_a_chattering_alarm_stays_one_alarm_and_is_silent_until_it_was_quiet_for_an_hour() -> None:
+def test_a_chattering_alarm_stays_one_alarm_and_is_silent_until_it_was_quiet_for_an_hour():
     book, time, told = AlarmBook(), 0.0, []
     for found in ([finding()], *[[]] * 13) * 9:  # for one look, and 65 s not
         time += LOOK
@@ -288,7 +286,7 @@ def test_a_chattering_alarm_stays_one_alarm_and_is_silent_until_it_was_quiet_for
     assert [t.notify for t in book.update("A1", time + 6660.0, WALL, [])] == [True]
 
 
-def test_the_headline_is_what_the_last_look_still_sees() -> None:
+def test_the_headline_is_what_the_last_look_still_sees():
     """A weak valve alarm was a leak's first sign: more urgent by its kind, but no look sees it any more."""
     look, watch = Looks(), AxisWatch("A1", Unit.load("axis_a"), Model.load())
     valve = finding("relief_valve_stuck_open", "relief_valve", low=None, severity=0.1, confidence=0.6)

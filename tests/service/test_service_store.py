@@ -1,7 +1,5 @@
 """What the store keeps, on SQLite and, where there is one, on a PostgreSQL server; and its troubles."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -9,9 +7,9 @@ import shutil
 import sqlite3
 import threading
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import asdict, replace
 from functools import reduce
 from pathlib import Path
@@ -22,7 +20,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import create_engine, text
 from sqlalchemy.exc import DBAPIError
-from stores import WALL, postgres_url
 
 from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
@@ -30,8 +27,9 @@ from fdd.service.alarms import Action, AlarmBook, Transition
 from fdd.service.store import Checkpoint, LeaseLost, Rollup, Store, StoreTrouble
 from fdd.service.store.records import unpacked
 from tests.service.senders import LEAK
+from tests.service.servers import postgres_url
 
-DAY = 86400.0
+DAY, WALL = 86400.0, 1_700_000_000.0
 
 
 def sqlite(path: Path) -> str:
@@ -43,12 +41,12 @@ def url_of(kind: str, folder: Path) -> str:
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+def url(request, tmp_path) -> str:
     return url_of(request.param, tmp_path)
 
 
 @pytest.fixture
-def store(url: str) -> Iterator[Store]:
+def store(url) -> Iterator[Store]:
     with closing(Store(url)) as store:
         yield store
 
@@ -58,7 +56,7 @@ def values_of(name: str, values: np.ndarray, start: float = WALL) -> Rollup:
     return Rollup("A1", name, start, values.size, float(values.mean()), float(values.std()), *few)
 
 
-def test_everything_comes_back_as_it_was_written(store: Store, url: str) -> None:
+def test_everything_comes_back_as_it_was_written(store, url):
     book = AlarmBook()
     (raised,) = book.update("A1", 15.0, WALL, [LEAK])
     with store.transaction() as t:
@@ -89,7 +87,7 @@ def test_everything_comes_back_as_it_was_written(store: Store, url: str) -> None
     again.close()
 
 
-def test_a_book_goes_on_from_the_store_as_if_it_had_never_stopped(store: Store) -> None:
+def test_a_book_goes_on_from_the_store_as_if_it_had_never_stopped(store):
     """Raised for 50 s each 200 s, never acknowledged: one alarm that chatters, whoever restarts."""
     book, whole, time = AlarmBook(), AlarmBook(), 0.0
 
@@ -121,7 +119,7 @@ def test_a_book_goes_on_from_the_store_as_if_it_had_never_stopped(store: Store) 
     assert [t.alarm.id for t in look(LEAK, seconds=500.0)] == [2], "no id is given twice"
 
 
-def test_a_checkpoint_takes_the_blocks_that_it_holds_out_of_the_journal(store: Store) -> None:
+def test_a_checkpoint_takes_the_blocks_that_it_holds_out_of_the_journal(store):
     def at(sequence: int, *values: float) -> Checkpoint:
         return Checkpoint("A1", 3.0, WALL, sequence, "profile", "model", "5", {"a": np.array(values)})
 
@@ -148,7 +146,7 @@ def merged(parts: list[list[float]]) -> Rollup:
 
 
 @given(st.lists(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=20), min_size=1, max_size=8))
-def test_merged_parts_are_what_numpy_says_of_the_whole(parts: list[list[float]]) -> None:
+def test_merged_parts_are_what_numpy_says_of_the_whole(parts):
     whole, total = np.concatenate(parts), merged(parts)
     size = np.abs(whole).max()
     assert (total.n, total.min, total.max) == (whole.size, whole.min(), whole.max())
@@ -156,13 +154,13 @@ def test_merged_parts_are_what_numpy_says_of_the_whole(parts: list[list[float]])
     assert total.std == pytest.approx(whole.std(), rel=1e-9, abs=1e-12 * size)
 
 
-def test_std_of_small_changes_on_a_large_mean_keeps_its_digits() -> None:
+def test_std_of_small_changes_on_a_large_mean_keeps_its_digits():
     values = 1e9 + np.random.default_rng(2).normal(size=1000)
     total = merged([[value] for value in values])
     assert total.std == pytest.approx(values.std(), rel=1e-6)
 
 
-def test_minutes_hours_and_days_are_each_the_whole(store: Store) -> None:
+def test_minutes_hours_and_days_are_each_the_whole(store):
     random, start = np.random.default_rng(3), WALL // DAY * DAY
     stamps = start + np.sort(random.uniform(0.0, 2 * DAY, 3000))
     values = random.normal(6e-12, 1e-13, 3000)
@@ -184,7 +182,7 @@ def test_minutes_hours_and_days_are_each_the_whole(store: Store) -> None:
     assert sum(r["n"] for r in store.rollups("A1", "friction", "day")) == 60
 
 
-def test_what_is_old_goes_and_the_rest_stays(store: Store) -> None:
+def test_what_is_old_goes_and_the_rest_stays(store):
     ages = np.array([1.0, 29.0, 31.0, 729.0, 731.0, 4000.0])
     with store.transaction() as t:
         for age in ages:
@@ -217,7 +215,7 @@ def test_what_is_old_goes_and_the_rest_stays(store: Store) -> None:
         ("postgresql", "TRUNCATE audit"),
     ],
 )  # fmt: skip
-def test_the_audit_only_grows_whoever_opens_it(kind: str, change: str, tmp_path: Path) -> None:
+def test_the_audit_only_grows_whoever_opens_it(kind, change, tmp_path):
     url = url_of(kind, tmp_path)
     store = Store(url)
     with store.transaction() as t:
@@ -230,7 +228,7 @@ def test_the_audit_only_grows_whoever_opens_it(kind: str, change: str, tmp_path:
     store.close()
 
 
-def test_readers_and_writers_of_many_threads_do_not_disturb_each_other(store: Store) -> None:
+def test_readers_and_writers_of_many_threads_do_not_disturb_each_other(store):
     def write(axis: str) -> None:
         for n in range(25):
             with store.transaction() as t:
@@ -244,7 +242,7 @@ def test_readers_and_writers_of_many_threads_do_not_disturb_each_other(store: St
     assert minute["n"] == 100 and minute["mean"] == pytest.approx(12.0)
 
 
-def test_room_on_the_disk_is_given_back_and_a_damaged_checkpoint_refused(tmp_path: Path) -> None:
+def test_room_on_the_disk_is_given_back_and_a_damaged_checkpoint_refused(tmp_path):
     path = tmp_path / "fdd.db"
     store = Store(sqlite(path))
     with store.transaction() as t:
@@ -265,7 +263,7 @@ def test_room_on_the_disk_is_given_back_and_a_damaged_checkpoint_refused(tmp_pat
         unpacked(old, hashlib.sha256(old).hexdigest(), where="fdd.db")
 
 
-def test_who_was_taken_over_writes_nothing_and_who_takes_over_waits_for_what_is_written(url: str) -> None:
+def test_who_was_taken_over_writes_nothing_and_who_takes_over_waits_for_what_is_written(url):
     old, new = Store(url), Store(url)
     old.claim()
     claiming = threading.Thread(target=new.claim)
@@ -285,7 +283,7 @@ def test_who_was_taken_over_writes_nothing_and_who_takes_over_waits_for_what_is_
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path) -> Path:
     """Of a closed store with some hundred pages."""
     path = tmp_path / "state" / "fdd.db"
     path.parent.mkdir()
@@ -299,8 +297,12 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
-def one_line(error: BaseException, path: Path) -> None:
-    assert str(error).startswith(str(path)) and len(str(error).splitlines()) == 1
+@contextmanager
+def told(kind: type[InputError], words: str, path: Path) -> Iterator[pytest.ExceptionInfo]:
+    """In one line that begins with the file."""
+    with pytest.raises(kind, match=words) as caught:
+        yield caught
+    assert str(caught.value).startswith(str(path)) and len(str(caught.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize(
@@ -314,23 +316,21 @@ def one_line(error: BaseException, path: Path) -> None:
     ],
     ids=["csv", "header", "page", "half", "schema"],
 )
-def test_a_damaged_file_is_named_and_left_as_it_is(damage: Callable[[bytes], bytes], path: Path) -> None:
+def test_a_damaged_file_is_named_and_left_as_it_is(damage, path):
     data = damage(path.read_bytes())
     path.write_bytes(data)
-    with pytest.raises(InputError, match=r"damaged|malformed|not a database") as caught:
+    with told(InputError, r"damaged|malformed|not a database", path) as caught:
         Store(sqlite(path))
-    one_line(caught.value, path)
     assert not isinstance(caught.value, StoreTrouble), "waiting mends nothing"
     assert path.read_bytes() == data
 
 
-def test_a_locked_store_is_a_trouble_that_passes(path: Path) -> None:
+def test_a_locked_store_is_a_trouble_that_passes(path):
     store = Store(f"{sqlite(path)}?timeout=0.1")
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
-    with pytest.raises(StoreTrouble, match="is locked") as caught, store.transaction() as t:
+    with told(StoreTrouble, "is locked", path), store.transaction() as t:
         t.audit(WALL, "ann", "LOGOUT")
-    one_line(caught.value, path)
     assert len(store.audit()) == 1, "readers go on"
     other.execute("ROLLBACK")
     with closing(Store(sqlite(path))) as first, first.transaction() as t:
@@ -346,29 +346,27 @@ def test_a_locked_store_is_a_trouble_that_passes(path: Path) -> None:
     other.close()
 
 
-def test_a_full_disk_is_a_trouble_that_passes_and_a_read_only_store_is_told(path: Path) -> None:
+def test_a_full_disk_is_a_trouble_that_passes_and_a_read_only_store_is_told(path):
     store = Store(sqlite(path))
     before = store.journal("A1")
-    with pytest.raises(StoreTrouble, match="disk is full") as caught, store.transaction() as t:
+    with told(StoreTrouble, "disk is full", path), store.transaction() as t:
         t.accept_all([("A1", b"first")])
         t._connection.exec_driver_sql("PRAGMA max_page_count=1")
         t.accept_all([("A1", bytes(8000))] * 100)
-    one_line(caught.value, path)
     assert store.journal("A1") == before, "nothing of it may be there"
     store.close()
     store = Store(sqlite(path))
     with store.transaction() as t:
         t.accept_all([("A1", bytes(8000))] * 100)
     assert len(store.journal("A1")) == len(before) + 100
-    with pytest.raises(InputError, match="readonly database") as refused, store.transaction() as t:
+    with told(InputError, "readonly database", path), store.transaction() as t:
         t._connection.exec_driver_sql("PRAGMA query_only=ON")
         t.audit(WALL, "ann", "LOGOUT")
-    one_line(refused.value, path)
     store.close()
 
 
 @pytest.mark.parametrize("gone", ["fdd.db", ""])
-def test_a_store_that_is_moved_takes_nothing_until_it_is_back(gone: str, path: Path, tmp_path: Path) -> None:
+def test_a_store_that_is_moved_takes_nothing_until_it_is_back(gone, path, tmp_path):
     def accept(payload: bytes) -> None:
         with store.transaction() as t:
             t.accept_all([("A2", payload)])
@@ -377,9 +375,8 @@ def test_a_store_that_is_moved_takes_nothing_until_it_is_back(gone: str, path: P
         accept(b"before")
         (path.parent / gone).rename(tmp_path / "away")
         for _ in range(2):
-            with pytest.raises(StoreTrouble, match="file is gone; put it back") as caught:
+            with told(StoreTrouble, "file is gone; put it back", path):
                 accept(b"meanwhile")
-            one_line(caught.value, path)
         assert not path.exists(), "no empty one in its place"
         (tmp_path / "away").rename(path.parent / gone)
         accept(b"after")
@@ -389,7 +386,7 @@ def test_a_store_that_is_moved_takes_nothing_until_it_is_back(gone: str, path: P
         assert [payload for _, payload in killed.journal("A2")] == [b"before", b"after"]
 
 
-def test_urls_that_are_no_store_or_lead_to_none_are_told_without_the_password(tmp_path: Path) -> None:
+def test_urls_that_are_no_store_or_lead_to_none_are_told_without_the_password(tmp_path):
     for url, line in {
         "fdd.db": "URL cannot be read; e.g. sqlite:///",
         "mysql://host/x": "no store of the kind mysql",
@@ -409,19 +406,17 @@ def test_urls_that_are_no_store_or_lead_to_none_are_told_without_the_password(tm
         assert isinstance(caught.value, StoreTrouble)
 
 
-def test_a_database_of_another_program_or_version_is_left_alone(path: Path, tmp_path: Path) -> None:
+def test_a_database_of_another_program_or_version_is_left_alone(path, tmp_path):
     bookmarks = tmp_path / "bookmarks.db"
     with sqlite3.connect(bookmarks) as other:
         other.execute("CREATE TABLE bookmark (url TEXT)")
-    with pytest.raises(InputError, match="of another program") as caught:
+    with told(InputError, "of another program", bookmarks):
         Store(sqlite(bookmarks))
-    one_line(caught.value, bookmarks)
     with sqlite3.connect(bookmarks) as other:
         assert other.execute("SELECT name FROM sqlite_master").fetchall() == [("bookmark",)]
     for version in ("0001", "9999"):
         with sqlite3.connect(path) as other:
             other.execute(f"UPDATE fdd_revision SET version_num = '{version}'")
         wanted = rf"of another version of fdd \(its tables are {version}, here 0002\); use that fdd"
-        with pytest.raises(InputError, match=wanted) as caught:
+        with told(InputError, wanted, path):
             Store(sqlite(path))
-        one_line(caught.value, path)

@@ -1,13 +1,10 @@
 """Sources from real sockets, pipes, files and folders: all of each, in order, once."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +20,9 @@ from fdd.service.config_sources import FolderSource, ReplaySource, TcpSource, Ud
 from fdd.service.sources import Source, open_source
 from tests.service.senders import Taker, a_block, ordered, until
 
-Start, Tcp = Callable[[Source], Source], Callable[..., Source]
-
 
 @pytest.fixture
-def tcp(start: Start) -> Tcp:
-    """Begins a source, which gives the taker what comes."""
+def tcp(start):
     return lambda **more: start(open_source(TcpSource.model_validate({"type": "tcp", "port": 0, **more})))
 
 
@@ -41,7 +35,7 @@ def samples(first: int, count: int, **more: object) -> bytes:
     return b"".join(json.dumps(row).encode() + b"\n" for row in rows)
 
 
-def test_blocks_and_samples_on_one_connection(taker: Taker, tcp: Tcp) -> None:
+def test_blocks_and_samples_on_one_connection(taker, tcp):
     source = tcp(axis="A1", unit="rig")
     with connected(source) as sender:
         sender.sendall(samples(0, 50))
@@ -55,7 +49,7 @@ def test_blocks_and_samples_on_one_connection(taker: Taker, tcp: Tcp) -> None:
     assert len(taker.blocks) < 20, "samples are gathered"
 
 
-def test_samples_that_come_slowly_or_in_pieces_are_not_kept_waiting(taker: Taker, tcp: Tcp) -> None:
+def test_samples_that_come_slowly_or_in_pieces_are_not_kept_waiting(taker, tcp):
     source, text = tcp(axis="A1"), samples(1, 3)
     with connected(source) as sender:
         sender.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -68,7 +62,7 @@ def test_samples_that_come_slowly_or_in_pieces_are_not_kept_waiting(taker: Taker
     assert source.status()["refused"] == 0
 
 
-def test_wrong_lines_are_counted_and_spoil_no_other_and_a_clock_is_followed(taker: Taker, tcp: Tcp) -> None:
+def test_wrong_lines_are_counted_and_spoil_no_other_and_a_clock_is_followed(taker, tcp):
     source = tcp(axis="A1")
     bad = [b"nonsense", b"\xff\xfe", b"[1]", b'{"position": 1}', b'{"time": 1, "position": "far"}',
            b'{"axis": "../x", "time": 1}', b'{"schema": "fdd.block/1"}', b"[" * 5000]  # fmt: skip
@@ -89,7 +83,7 @@ def test_wrong_lines_are_counted_and_spoil_no_other_and_a_clock_is_followed(take
     assert source.status()["refused"] == len(bad) + 1
 
 
-def test_a_fast_sender_is_made_to_wait(taker: Taker, tcp: Tcp) -> None:
+def test_a_fast_sender_is_made_to_wait(taker, tcp):
     source = tcp()
     taker.accepting = False
 
@@ -107,7 +101,7 @@ def test_a_fast_sender_is_made_to_wait(taker: Taker, tcp: Tcp) -> None:
     until(lambda: taker.numbers() == list(range(100)))
 
 
-def test_connections_and_silence_are_bounded(taker: Taker, tcp: Tcp) -> None:
+def test_connections_and_silence_are_bounded(taker, tcp):
     source = tcp(connections=2, idle=0.5)
     kept = [connected(source) for _ in range(2)]
     until(lambda: source.status()["connections"] == 2)
@@ -122,7 +116,7 @@ def test_connections_and_silence_are_bounded(taker: Taker, tcp: Tcp) -> None:
         one.close()
 
 
-def test_a_port_that_is_taken_or_a_map_of_no_use_is_told_in_one_line(tcp: Tcp, tmp_path: Path) -> None:
+def test_a_port_that_is_taken_or_a_map_of_no_use_is_told_in_one_line(tcp, tmp_path):
     port = tcp().status()["port"]
     with pytest.raises(InputError, match=f"tcp 127.0.0.1:{port}: cannot be listened on"):
         tcp(port=port)
@@ -131,7 +125,7 @@ def test_a_port_that_is_taken_or_a_map_of_no_use_is_told_in_one_line(tcp: Tcp, t
         open_source(UdpSource(type="udp", port=0, map=tmp_path / "map.yaml"))
 
 
-def test_datagrams_are_messages(taker: Taker, start: Start) -> None:
+def test_datagrams_are_messages(taker, start):
     source = start(open_source(UdpSource(type="udp", port=0, axis="A1")))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.connect(("127.0.0.1", source.status()["port"]))
@@ -143,7 +137,7 @@ def test_datagrams_are_messages(taker: Taker, start: Start) -> None:
     assert np.array_equal(taker.joined("C3")["position"][10:], a_block(1).samples["position"])
 
 
-def test_the_sender_of_the_manual_sends(taker: Taker, tcp: Tcp) -> None:
+def test_the_sender_of_the_manual_sends(taker, tcp):
     page = (Path(__file__).parents[2] / "docs" / "serve-blocks.md").read_text("utf-8")
     sender = page.split("```python\n")[1].split("```")[0]
     source = tcp()
@@ -158,7 +152,7 @@ def test_the_sender_of_the_manual_sends(taker: Taker, tcp: Tcp) -> None:
 
 
 @pytest.fixture(autouse=True)
-def soon_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+def soon_at_rest(monkeypatch) -> None:
     """Files are taken for whole after half a second, not after two."""
     monkeypatch.setattr("fdd.service.sources.logs.AT_REST_S", 0.5)
 
@@ -186,9 +180,7 @@ def folder(path: Path, **more: object) -> Source:
 
 
 @pytest.mark.parametrize("speed", ["max", 20.0])
-def test_logs_of_several_axes_are_replayed_and_what_cannot_be_is_told(
-    speed: str | float, tmp_path: Path, taker: Taker, start: Start, stop: threading.Event
-) -> None:
+def test_logs_of_several_axes_are_replayed_and_what_cannot_be_is_told(speed, tmp_path, taker, start, stop):
     logs = {"A1": log(tmp_path / "a.parquet"), "B2": log(tmp_path / "b.parquet", 1)}
     source = open_source(ReplaySource.model_validate({"type": "replay", "logs": logs, "speed": speed}))
     started = time.monotonic()
@@ -211,7 +203,7 @@ def test_logs_of_several_axes_are_replayed_and_what_cannot_be_is_told(
     until(lambda: len(slow.blocks) == 6)
 
 
-def test_logs_of_a_folder_are_read_once(tmp_path: Path, taker: Taker) -> None:
+def test_logs_of_a_folder_are_read_once(tmp_path, taker):
     first, second = log(tmp_path / "A1" / "1.parquet", 1), log(tmp_path / "A1" / "2.parquet", 2)
     (tmp_path / "A1" / "bad.csv").write_text("nothing\n")
     (tmp_path / "stray.parquet").write_bytes(first.read_bytes())
@@ -237,7 +229,7 @@ def test_logs_of_a_folder_are_read_once(tmp_path: Path, taker: Taker) -> None:
     assert sorted(p.name for p in tmp_path.rglob("*")) == sorted([*before, ".fdd-done.json"])
 
 
-def test_a_file_is_read_when_it_is_whole(tmp_path: Path, taker: Taker, start: Start) -> None:
+def test_a_file_is_read_when_it_is_whole(tmp_path, taker, start):
     whole = log(tmp_path / "elsewhere" / "a.parquet")
     content, target = whole.read_bytes(), tmp_path / "drop" / "a.parquet"
     target.parent.mkdir()
@@ -253,9 +245,7 @@ def test_a_file_is_read_when_it_is_whole(tmp_path: Path, taker: Taker, start: St
     assert source.status()["bad_files"] == 0
 
 
-def test_a_restart_in_the_middle_of_a_file_goes_on_there(
-    tmp_path: Path, taker: Taker, start: Start, stop: threading.Event
-) -> None:
+def test_a_restart_in_the_middle_of_a_file_goes_on_there(tmp_path, taker, start, stop):
     path, source, again = log(tmp_path / "a.parquet"), folder(tmp_path, axis="A1"), Taker()
     taker.accepting = False
     start(source)
@@ -274,7 +264,15 @@ def test_a_restart_in_the_middle_of_a_file_goes_on_there(
     same(Samples.concatenate([b.samples for b in [*stored, *again.blocks]]), path)
 
 
-def test_a_file_that_is_replaced_is_read_again(tmp_path: Path, taker: Taker, start: Start) -> None:
+def test_a_damaged_note_is_not_overwritten_and_a_file_that_is_replaced_is_read_again(tmp_path, taker, start):
+    note = tmp_path / ".fdd-done.json"
+    note.write_text('{"schema": "fdd.done/1", "files": 3}')
+    with pytest.raises(InputError, match="not a note of what is done; remove it"):
+        start(folder(tmp_path))
+    assert "3}" in note.read_text()
+    with pytest.raises(InputError, match="no such folder"):
+        start(folder(tmp_path / "none"))
+    note.unlink()
     (tmp_path / "a.parquet").write_text("nothing")
     os.utime(tmp_path / "a.parquet", (1e9, 1e9))
     source = start(folder(tmp_path, axis="A1"))
@@ -283,12 +281,3 @@ def test_a_file_that_is_replaced_is_read_again(tmp_path: Path, taker: Taker, sta
     until(lambda: source.status()["files"] == 1)
     same(taker.joined(), path)
     assert source.status()["bad_files"] == 0
-
-
-def test_a_damaged_note_is_not_overwritten(tmp_path: Path, start: Start) -> None:
-    (tmp_path / ".fdd-done.json").write_text('{"schema": "fdd.done/1", "files": 3}')
-    with pytest.raises(InputError, match="not a note of what is done; remove it"):
-        start(folder(tmp_path))
-    assert "3}" in (tmp_path / ".fdd-done.json").read_text()
-    with pytest.raises(InputError, match="no such folder"):
-        start(folder(tmp_path / "none"))

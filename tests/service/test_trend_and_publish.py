@@ -1,12 +1,9 @@
 """`fdd trend` from a store, and `fdd publish`: what was put in comes out, and a bad line is as asked."""
 
-from __future__ import annotations
-
 import json
 import math
 import time
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,7 +34,7 @@ def begin() -> float:
 
 
 @pytest.fixture(scope="module")
-def url(tmp_path_factory: pytest.TempPathFactory, begin: float) -> str:
+def url(tmp_path_factory, begin) -> str:
     """Forty days of an axis whose leakage grows straight while its oil's temperature goes up and down: the
     healthy leakage by two thirds within a day, and from day to day."""
     url = f"sqlite:///{tmp_path_factory.mktemp('state') / 'fdd.db'}"
@@ -67,7 +64,7 @@ def trend(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["trend", *(str(a) for a in arguments)])
 
 
-def test_what_cannot_be_told_is_one_line(url: str, tmp_path: Path) -> None:
+def test_what_cannot_be_told_is_one_line(url, tmp_path):
     none, other = tmp_path / "none.db", f"sqlite:///{tmp_path / 'other.db'}"
     with closing(Store(other)) as store, store.transaction() as t:
         t.axis("A1", 0.0, unit="rig7")
@@ -87,7 +84,7 @@ def test_what_cannot_be_told_is_one_line(url: str, tmp_path: Path) -> None:
     assert "is no store of fdd serve" in trend(f"sqlite:///{none}").stderr
 
 
-def test_the_slope_that_was_put_in_comes_out_by_days(url: str, begin: float, tmp_path: Path) -> None:
+def test_the_slope_that_was_put_in_comes_out_by_days(url, begin, tmp_path):
     out = ("--report", tmp_path / "trend.html", "-o", tmp_path / "t")
     told = trend(url, "--axis", "A1", "--json", "-", *out)
     assert told.exit_code == 0, told.output
@@ -111,7 +108,7 @@ def test_the_slope_that_was_put_in_comes_out_by_days(url: str, begin: float, tmp
     assert len(rows) == 1 + DAYS and rows[1].startswith(time.strftime("%Y-%m-%d", time.gmtime(begin)))
 
 
-def test_a_few_days_are_told_by_the_hour_and_the_page_says_the_same(url: str) -> None:
+def test_a_few_days_are_told_by_the_hour_and_the_page_says_the_same(url):
     life = json.loads(trend(url, "--since", "7d", "--json", "-").stdout)
     assert life["each"] == "hour" and 6 * 24 <= len(life["logs"]) <= 7 * 24
     with closing(Store(url)) as store:
@@ -128,7 +125,7 @@ POSITION = np.random.default_rng(1).standard_normal(ROWS * WHOLE)
 LOG = Samples(np.arange(ROWS * WHOLE) / 1024.0, {"position": POSITION})
 
 
-def test_a_plain_line_sends_each_block_when_its_last_row_is_due() -> None:
+def test_a_plain_line_sends_each_block_when_its_last_row_is_due():
     sent = sendings("A1", LOG, 20.0)
     assert [block.sequence for _, block in sent] == list(range(WHOLE))
     assert [when for when, _ in sent] == pytest.approx([b.samples.time[-1] / 20.0 for _, b in sent])
@@ -137,7 +134,7 @@ def test_a_plain_line_sends_each_block_when_its_last_row_is_due() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_bad_line_loses_delays_and_swaps_as_asked_and_a_service_puts_it_right(seed: int) -> None:
+def test_a_bad_line_loses_delays_and_swaps_as_asked_and_a_service_puts_it_right(seed):
     link = 20.0, 0.05, 0.03, 5, seed
     sent = sendings("A1", LOG, *link)
     assert [(w, b.sequence) for w, b in sent] == [(w, b.sequence) for w, b in sendings("A1", LOG, *link)]
@@ -155,7 +152,7 @@ def test_a_bad_line_loses_delays_and_swaps_as_asked_and_a_service_puts_it_right(
     assert order.counts["late"] == 0 and order.counts["reordered"] > 100
 
 
-def test_what_cannot_be_published_is_said_in_a_line(tmp_path: Path) -> None:
+def test_what_cannot_be_published_is_said_in_a_line(tmp_path):
     log = tmp_path / "run.parquet"
     columns = dict.fromkeys(("position", "pump_speed"), LOG["position"][:3000])
     write_parquet(log, Samples(LOG.time[:3000], columns | {"pressure_difference": 1e6 * columns["position"]}))

@@ -1,14 +1,8 @@
 """A leaking axis as blocks, and a fleet that watches it; also run as a program that tests kill."""
 
-from __future__ import annotations
-
 import random
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -71,28 +65,9 @@ def settle(fleet: Fleet) -> None:
 
 
 def passing(fleet: Fleet, ticking: list[float], *seconds: float) -> None:
-    """Let it step after each of these times."""
     for each in seconds:
         ticking[0] += each
         fleet.step(0.0)
-
-
-@contextmanager
-def working(fleet: Fleet) -> Iterator[None]:
-    """Let it step in a thread of its own, as others ask it."""
-    stop = threading.Event()
-
-    def work() -> None:
-        while not stop.is_set():
-            fleet.step(0.01, stop)
-
-    worker = threading.Thread(target=work)
-    worker.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        worker.join()
 
 
 def disordered(samples: Samples, seed: int = 3) -> list[Block]:
@@ -113,8 +88,8 @@ def main(url: str, log: str, seed: int) -> None:
         samples = Samples(stored["time"], {n: stored[n] for n in stored.files if n != "time"})
     fleet = fleet_of(Store(url))
     rng = random.Random(seed)
-    fleet.backlog.is_due = lambda now: True  # type: ignore[method-assign]
-    fleet.backlog.turn = lambda now, spare_s, waiting_s, followed: [  # type: ignore[method-assign]
+    fleet.backlog.is_due = lambda now: True
+    fleet.backlog.turn = lambda now, spare_s, waiting_s, followed: [
         name for name in followed if name == "A2" and rng.random() < 0.02
     ]
     begin = {status.name: status.samples // ROWS - 20 for status in fleet.axes()}
@@ -131,5 +106,4 @@ def main(url: str, log: str, seed: int) -> None:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent))
     main(sys.argv[1], sys.argv[2], int(sys.argv[3]))
