@@ -1,14 +1,12 @@
 """Drawing: shares are exact; units of all sizes, scenarios and missions are what recipe and unit allow."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fdd.campaign.calibration import calibration_runs
@@ -35,7 +33,6 @@ def recipe_with(**fields: object) -> Recipe:
     return Recipe(**given)
 
 
-@settings(deadline=None, max_examples=40)
 @given(
     units=st.integers(1, 40),
     logs=st.integers(0, 9),
@@ -43,9 +40,7 @@ def recipe_with(**fields: object) -> Recipe:
     weights=st.lists(st.floats(0.01, 10.0), min_size=4, max_size=4),
     seconds=st.sampled_from([0.0, 0.5]),
 )
-def test_numbers_of_faults_follow_the_shares_to_within_one(
-    units: int, logs: int, healthy: float, weights: list[float], seconds: float
-) -> None:
+def test_numbers_of_faults_follow_the_shares_to_within_one(units, logs, healthy, weights, seconds):
     faults = {f: {"weight": w} for f, w in zip(FOUR, weights, strict=True)}
     recipe = recipe_with(
         units=units, logs_per_unit=logs, healthy_share=healthy, faults=faults, second_fault_share=seconds

@@ -1,7 +1,5 @@
 """The stated population's draws, and what healthy units and logs differ by, learnt from known spreads."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
