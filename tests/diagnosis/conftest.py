@@ -1,7 +1,5 @@
 """One unit with a baseline, and what the pipeline says of its logs: shared by all tests of the pipeline."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest
