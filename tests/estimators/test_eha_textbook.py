@@ -4,8 +4,6 @@ Process noise, walks, the valves' pull, robust weights, jumps and bounds are wri
 tracker's documentation; of the tracker's code only the model's step is used, which has tests of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The tracker on simulated axes, whose plant shares no code with it."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import pairwise
 
