@@ -1,7 +1,5 @@
 """Adding a fault touches one module of the product and one line of a recipe: shown on a copy of the tree."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -65,6 +63,7 @@ def test_the_diff_is_one_new_module_and_one_recipe_line() -> None:
     assert changed == [f"+  {NEW}: {{weight: 0.3}}"]
 
 
+@pytest.mark.slow
 def test_it_is_in_the_catalogue_in_the_recipe_and_in_the_plant(copy: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(copy)}
     command = [sys.executable, "-c", USE]
