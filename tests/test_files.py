@@ -1,7 +1,5 @@
 """Files written whole or not at all; and the one line that a user reads when something is unusable."""
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Iterator
