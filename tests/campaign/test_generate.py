@@ -7,18 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fdd import InputError, Samples, Unit
 from fdd.campaign import generate as generate_module
 from fdd.campaign.dataset import Dataset, digest
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.units import for_each_unit
 from fdd.campaign.visibility import largest_rms, noise_deviation, visibility, visibility_class
-from fdd.errors import InputError
 from fdd.plant.faults.spec import SIMULATED, FaultScales
 from fdd.plant.oil import viscosity_ratio
 from fdd.plant.sensors import MEASURED, Recorder, Recording
-from fdd.samples import Samples
-from fdd.unit import Unit
 from tests.refusal import refused
 
 FOUR = ("internal_leakage", "seal_wear", "aeration", "check_valve_stuck_open")

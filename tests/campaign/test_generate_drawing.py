@@ -9,6 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fdd import Scenario, Unit
 from fdd.campaign.calibration import calibration_runs
 from fdd.campaign.drawing import assign_faults, draw_scenario, draw_unit, stream, structure_of
 from fdd.campaign.population import BETWEEN_UNITS
@@ -19,10 +20,8 @@ from fdd.plant.details import Details
 from fdd.plant.duty import ConstantSpeed, Mission
 from fdd.plant.faults.spec import SIMULATED, FaultScales
 from fdd.plant.load import LOADS, ChangingLoad, GustLoad
-from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import prepare, simulate
-from fdd.unit import Unit
 from tests.refusal import refused
 
 FOUR = ("internal_leakage", "seal_wear", "aeration", "check_valve_stuck_open")

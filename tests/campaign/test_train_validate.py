@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import genpareto
 
+from fdd import Scenario, Unit, simulate
 from fdd.campaign.dataset import Dataset, Label
 from fdd.campaign.generate import _trouble, generate
 from fdd.campaign.recipe import Recipe
@@ -17,11 +18,8 @@ from fdd.campaign.train import LAW_SPREAD, LEAST_LOGS, ScoredLog, learnt, pareto
 from fdd.campaign.validate import estimate_errors, outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import FaultFinding, Trajectories
 from fdd.diagnosis.model import root
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
 from fdd.plant.truth import Truth
 from fdd.residuals.oil import air_compliance
-from fdd.unit import Unit
 from tests.made_up import answer, entry, finding, label
 from tests.refusal import refused
 

@@ -9,17 +9,15 @@ import pytest
 from made_up_evidence import DRIFT, EFFECTS, LEAK, THIRD, best, drawn, hypothesis
 from simulated_logs import DURATION_S, LOADS
 
+from fdd import Scenario, Unit, simulate
 from fdd.diagnosis.baseline import effects_of, history_of
 from fdd.diagnosis.decision import USUAL_SIZE, Found, beside_the_newest, decide
 from fdd.diagnosis.departures import WITHIN_FRAMES
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.hypotheses import Hypothesis, hypotheses
 from fdd.diagnosis.sequential_detector import RECOVERED_SHARE
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
 from fdd.residuals.balance_history import marginalised
 from fdd.residuals.bins import FRAME_S
-from fdd.unit import Unit
 
 Z80 = 1.2816
 ALL = [LEAK, DRIFT, THIRD]

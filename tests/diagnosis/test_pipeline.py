@@ -12,13 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
 
+from fdd import Pipeline, Samples, Scenario, Unit, simulate
 from fdd.diagnosis.findings import Diagnosis, FaultFinding
-from fdd.diagnosis.pipeline import Pipeline
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import Tracking
-from fdd.samples import Samples
-from fdd.unit import Unit
 from reports.disturbed import mirrored, mirrored_unit
 from tests.refusal import refused
 

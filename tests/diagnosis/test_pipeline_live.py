@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from simulated_logs import simulated
 
+from fdd import Samples, Scenario, Unit, simulate
 from fdd.diagnosis.answering import Span
 from fdd.diagnosis.baseline import effects_of
 from fdd.diagnosis.evidence import Evidence
@@ -12,14 +13,10 @@ from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import EPOCHS, Pipeline
 from fdd.diagnosis.sequential_detector import SequentialDetector
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import usual_conditions
 from fdd.residuals.epochs import EPOCH_FRAMES, Epochs
-from fdd.samples import Samples
-from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
 MODEL = Model.load()

@@ -15,10 +15,9 @@ from estimators.eha.noise import Noise
 from estimators.eha.tracker import EhaTracker
 from estimators.eha.walk import walk_parameters, walk_rates
 from estimators.ekf import ExtendedKalmanFilter
+from fdd import Unit, simulate
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import Channels, Tracking
-from fdd.unit import Unit
 
 N = eha.STATES
 VALVES = [eha.VALVE1, eha.VALVE2]

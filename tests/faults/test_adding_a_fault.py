@@ -15,6 +15,7 @@ NEW = "bypass_valve_ajar"
 USE = f"""
 from pathlib import Path
 import numpy as np
+from fdd import Scenario, Unit
 import fdd
 assert Path(fdd.__file__).is_relative_to(Path.cwd()), fdd.__file__
 
@@ -31,8 +32,6 @@ assert np.isclose(larger["bypass_valve_flow"], 0.5 * larger["relief_valve_flow"]
 from fdd.plant import conditions as c
 from fdd.plant.faults.spec import parse_fault
 from fdd.plant.prepare import axis_conditions
-from fdd.plant.scenario import Scenario
-from fdd.unit import Unit
 for scales, flow in (({{}}, 5e-5), ({{"bypass_valve_flow": 2e-5}}, 2e-5)):
     faults = [parse_fault("{NEW}:severity=0.4,onset=1")]
     scenario = Scenario(faults=faults, fault_scales=scales)

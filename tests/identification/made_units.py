@@ -6,12 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from fdd import Samples, Scenario, Unit, simulate
 from fdd.identification import identify_unit
 from fdd.identification.profile import Identification
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
-from fdd.samples import Samples
-from fdd.unit import Unit
 
 TEMPERATURE = 35.0
 SEEDS = (1, 2, 3)

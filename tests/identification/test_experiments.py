@@ -7,6 +7,7 @@ import pytest
 from made_units import calibration_logs, case_of, random_unit
 from scipy.signal import cont2discrete, lfilter
 
+from fdd import Samples, Scenario, Unit
 from fdd.identification.experiments.bulk_modulus import bulk_modulus
 from fdd.identification.experiments.friction import friction
 from fdd.identification.experiments.gain import gain
@@ -18,11 +19,8 @@ from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.identification.record import Record, even_record
 from fdd.plant import oil as plant_oil
 from fdd.plant.details import Details
-from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.residuals.oil import air_compliance
-from fdd.samples import Samples
-from fdd.unit import Unit
 from reports.thesis.runs import VOLT, identification_volts, run_speed
 
 AXIS_A = Unit.load("axis_a")

@@ -9,14 +9,12 @@ import pandas as pd
 import pytest
 from made_units import SEEDS, TEMPERATURE, calibration_logs, case_of, identified, only, random_unit, scaled
 
+from fdd import Scenario, Unit, simulate
 from fdd.identification import identify_unit
 from fdd.identification.friction import curve
 from fdd.identification.profile import Identification
 from fdd.logs import ChannelMap, read_log
 from fdd.plant import oil as plant_oil
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
-from fdd.unit import Unit
 from tests.refusal import refused
 
 

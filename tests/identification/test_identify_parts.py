@@ -12,7 +12,7 @@ from scipy import signal
 from scipy.signal import butter, sosfilt
 from typer.testing import CliRunner
 
-from fdd import InputError, Scenario, identify
+from fdd import InputError, Samples, Scenario, identify
 from fdd.cli.app import app
 from fdd.diagnosis.baseline import add_baseline
 from fdd.identification import identify_unit
@@ -23,7 +23,6 @@ from fdd.identification.sensors import effective_noise, resolution, welch
 from fdd.plant import oil as plant_oil
 from fdd.plant.to_file import write_simulation
 from fdd.residuals.oil import air_compliance, free_air
-from fdd.samples import Samples
 from fdd.unit import Cylinder, Unit
 
 

@@ -8,18 +8,14 @@ from made_units import only, scaled, spread_unit, with_swapped_chambers, work
 from scipy.ndimage import uniform_filter1d
 
 import fdd
-from fdd import read_log
+from fdd import InputError, Scenario, Unit, read_log, simulate
 from fdd.diagnosis.baseline import add_baseline
-from fdd.errors import InputError
 from fdd.identification import identify_unit
 from fdd.identification.judgement import Judgement, judge
 from fdd.identification.log_scales import StreamScales, check_scales
 from fdd.identification.signs import NEAR
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
 from fdd.samples import PRESSURES, Samples
 from fdd.sections import Provenance
-from fdd.unit import Unit
 from tests.refusal import refused as one_line
 
 PLAN = (("strokes", "constant"), ("steps", "spring"), ("flight", "gust"))

@@ -5,12 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fdd import Scenario, Unit
 from fdd.plant import state as s
 from fdd.plant.faults.injection import PLANT_FAULTS
-from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import Simulation, simulate
-from fdd.unit import Unit
 from reports.plant.energies import Energies, FineRun, energies, fine_run
 
 A, B = Unit.load("axis_a"), Unit.load("axis_b")

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from fdd import Scenario, Unit
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.details import Details
@@ -18,11 +19,9 @@ from fdd.plant.load import ConstantLoad, NoLoad
 from fdd.plant.oil import air_compliance, bulk_modulus, stiff_bulk_modulus, viscosity, viscosity_ratio
 from fdd.plant.parameters import plant_parameters
 from fdd.plant.prepare import prepare
-from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import raw_blocks, simulate
 from fdd.plant.truth import Truth
-from fdd.unit import Unit
 from tests.refusal import refused
 
 UNIT = Unit.load("axis_a")

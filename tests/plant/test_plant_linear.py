@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fdd import Unit, simulate
 from fdd.plant import state as s
 from fdd.plant.equations import right_hand_side
 from fdd.plant.oil import bulk_modulus
 from fdd.plant.prepare import Prepared, prepare
 from fdd.plant.scenario import Control, Scenario
-from fdd.plant.simulate import simulate
-from fdd.unit import Unit
 
 ABOVE = 60e3
 """Pa above the accumulator, so that case leakage drains and no check valve refeeds."""

@@ -8,11 +8,10 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from fdd import Scenario, Unit
 from fdd.plant import state as s
 from fdd.plant.details import Details
-from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import raw_blocks, simulate, stream
-from fdd.unit import Unit
 from reports.plant import wild as robustness
 from reports.plant.numerics import Case, integrate
 from reports.plant.wild import draw_wild, try_wild

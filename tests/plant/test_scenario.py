@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import bilinear
 
+from fdd import Unit, simulate
 from fdd.plant import conditions as c
 from fdd.plant.circuit import Circuit, ExternalAccumulators, apply, check_charging
 from fdd.plant.duty import DUTIES, Levels, OneWay
@@ -13,9 +14,7 @@ from fdd.plant.load import LOADS, GustLoad
 from fdd.plant.prepare import axis_conditions, chatter_filter, prepare
 from fdd.plant.programme import programme
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.simulate import simulate
 from fdd.plant.truth import TRUTH
-from fdd.unit import Unit
 from tests.refusal import refused
 
 AXIS_A, UNIT = Unit.load("axis_a"), Unit.load("axis_b")

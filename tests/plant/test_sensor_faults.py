@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
+from fdd import Scenario, Unit, simulate
 from fdd.faults import CATALOGUE
 from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import ChannelSensor, Recorder, Recording, Rows, position_offset, range_of
 from fdd.plant.sensors.faults import DROPOUTS, PLAY, sensor_fault
 from fdd.plant.sensors.recorder import KNOWN, MEASURED
-from fdd.plant.simulate import simulate
 from fdd.sensor import CurrentLoop, Sensor
-from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
 TIME = np.arange(60_000) * 1e-3

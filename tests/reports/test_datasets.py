@@ -5,10 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fdd import Samples, Unit
 from fdd.campaign.dataset import Label
 from fdd.identification.profile import Identification, TableRow
-from fdd.samples import Samples
-from fdd.unit import Unit
 from reports import datasets, disturbed
 from tests.made_up import answer, entry, finding, label
 

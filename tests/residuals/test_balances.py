@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from fdd import Pipeline, Samples, Unit, simulate
 from fdd.diagnosis.baseline import add_baseline, effects_of, history_of
-from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.simulate import simulate
 from fdd.residuals.balances import BALANCES, LAG_S
 from fdd.residuals.bins import COLUMNS, FRAME_BINS, BinMaker
 from fdd.residuals.oil import stiff_compliance
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.samples import Samples
-from fdd.unit import Unit
 
 LOADS: tuple[dict[str, Any], ...] = (
     {"name": "spring"}, {"name": "constant"}, {"name": "constant", "level": -1000.0},

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import butter, sosfilt
 
+from fdd import Samples, Unit
 from fdd.residuals.bins import BIN_S, COLUMNS, FAST, FRAME_BINS, FRAME_S, PRESLIDING_TRAVEL_M, BinMaker
 from fdd.residuals.filters import LUBRICATION_LAG_S
-from fdd.samples import Samples
 from fdd.sensor import Sensor
-from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")
 RATE_HZ = 1000

@@ -5,13 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fdd import Samples, simulate
 from fdd.plant.oil import air_compliance, bulk_modulus, viscosity
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.simulate import simulate
 from fdd.residuals.bins import COLUMNS, BinMaker
 from fdd.residuals.hidden_pressures import chambers_from_difference
 from fdd.residuals.oil import viscosity_ratio
-from fdd.samples import Samples
 from fdd.unit import Oil, Unit
 
 

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from fdd.plant.scenario import Scenario
+from fdd import Samples, Scenario, Unit
 from fdd.plant.simulate import Simulation, simulate
-from fdd.samples import Samples
 from fdd.sensor import Sensor
 from fdd.sensors import SensorWatch
 from fdd.sensors.finding import Kind, SensorFindings
@@ -20,7 +19,6 @@ from fdd.sensors.jumps import BREAKS_LOOSE, NOISE_REACH
 from fdd.sensors.limits import INDEX, POSITION, Limits
 from fdd.sensors.memory import Memory
 from fdd.sensors.statistics import excess, spread
-from fdd.unit import Unit
 from tests.refusal import refused
 
 ONSET = 8.0

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fdd import Samples, Unit
 from fdd.logs import ChannelMap, read_log
-from fdd.samples import Samples
 from fdd.sensors import SensorFinding, SensorWatch
-from fdd.unit import Unit
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
