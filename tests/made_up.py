@@ -22,8 +22,9 @@ def entry(*faults: Label, **more: Any) -> Entry:
 
 
 def finding(fault: str, onset: float = 10.5, **more: Any) -> FaultFinding:
-    given = {"family": CATALOGUE[fault].family, "ambiguity": [fault], "confidence": 0.9, "severity": 0.4}
-    return FaultFinding(fault=fault, onset_s=onset, **{**given, "detected_s": onset + 2.0, **more})
+    given = {"family": CATALOGUE[fault].family, "ambiguity": [fault], "confidence": 0.9}
+    given |= {"severity": 0.4, "severity_interval": (0.3, 0.6), "detected_s": onset + 2.0}
+    return FaultFinding(fault=fault, onset_s=onset, **{**given, **more})
 
 
 def answer(verdict: str, *faults: FaultFinding, **more: Any) -> Diagnosis:

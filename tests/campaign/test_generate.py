@@ -181,7 +181,7 @@ def test_damaged_files_and_unknown_units_are_told(copy: Path) -> None:
 UNITS = ["unit_000", "unit_001", "unit_002"]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_unit_that_refuses_is_left_out_with_a_warning(workers: int) -> None:
     with pytest.warns(UserWarning, match=f"{UNITS[1]} left out: too short"):
         assert for_each_unit(one_refuses, UNITS, workers=workers) == [u for u in UNITS if u != UNITS[1]]

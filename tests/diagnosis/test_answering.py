@@ -100,7 +100,7 @@ def test_hidden_are_those_of_the_usual_severities_that_are_too_small() -> None:
     assert hidden_share(unseen) == pytest.approx(share, abs=5e-3)
 
 
-@pytest.mark.parametrize("threshold", [4.0, 8.0])
+@pytest.mark.parametrize("threshold", [4.0, pytest.param(8.0, marks=pytest.mark.slow)])
 def test_from_the_least_severity_that_a_log_shows_on_faults_are_found(threshold: float) -> None:
     """Had it begun a third into the log, give or take half of it."""
     (said_, *_) = invisible(drawn(1), [INNER], threshold)

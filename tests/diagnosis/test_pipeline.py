@@ -1,5 +1,7 @@
 """The pipeline's promises: how a log was cut, lost a piece or was mirrored changes nothing of the answer."""
 
+from __future__ import annotations
+
 import io
 import itertools
 import json
