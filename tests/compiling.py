@@ -3,8 +3,6 @@
 Workers that met an empty cache would each compile the same. Where all is compiled, it takes seconds.
 """
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import pkgutil

@@ -1,7 +1,5 @@
 """Settings that all tests share."""
 
-from __future__ import annotations
-
 import os
 import runpy
 from pathlib import Path
@@ -16,6 +14,8 @@ from fdd.diagnosis.model import AlarmTail, Calibration, Model
 from fdd.logs import ChannelMap
 
 ROOT = Path(__file__).resolve().parents[1]
+# Assertions of the checks of faults are to be explained as those of tests are.
+pytest.register_assert_rewrite("fault_case", "fault_checks", "drive_and_seal_checks")
 # The same examples on every run, and no deadlines: the first call of a compiled function takes seconds.
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
 settings.load_profile("repeatable")

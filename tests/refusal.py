@@ -1,7 +1,5 @@
 """How all that is unusable has to be told."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

@@ -1,7 +1,5 @@
 """Compiled code on disk: used again as long as no source changed, never after one did."""
 
-from __future__ import annotations
-
 import ast
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The pages of docs/: tutorials and code run, files that are named are there, the site needs no network."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

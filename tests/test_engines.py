@@ -1,7 +1,5 @@
 """Work over an engine: results with their numbers, errors and lost processes told alike on each."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Files written whole or not at all; and the one line that a user reads when something is unusable."""
 
-from __future__ import annotations
-
 import os
 import stat
 from collections.abc import Iterator
@@ -14,12 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fdd.errors import InputError
+from fdd import InputError, Samples, Unit
 from fdd.files import require_writable, whole_file, write_text
 from fdd.logs.mcap_writing import write_run
 from fdd.logs.tabular_writing import write_csv, write_parquet
-from fdd.samples import Samples
-from fdd.unit import Unit
 from tests.refusal import refused
 
 

@@ -1,7 +1,5 @@
 """What packages add to the catalogue, what becomes of those that cannot be used, and the example package."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,15 +1,15 @@
-"""Samples: what is refused, and that cutting and joining lose nothing."""
-
-from __future__ import annotations
+"""Samples and their units of measure: what is refused, and that cutting and joining lose nothing."""
 
 import re
 
 import numpy as np
+import pint
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from fdd.measures import _NOT_BY_PINT, MEASURES, find_measure, measure
 from fdd.samples import CHANNELS, Samples, missing_required
 from tests.refusal import refused
 
@@ -30,14 +30,6 @@ def samples(draw: st.DrawFn, least: int = 0, most: int = 60) -> Samples:
     names = draw(st.lists(st.sampled_from(MEASURED), unique=True, max_size=4))
     column = hnp.arrays(np.float64, n, elements=st.floats(-1e9, 1e9) | st.just(np.nan))
     return Samples(np.cumsum(steps), {name: draw(column) for name in names})
-
-
-def same(a: Samples, b: Samples) -> None:
-    """Equal to the bit, in content."""
-    assert set(a.channels) == set(b.channels)
-    np.testing.assert_array_equal(a.time, b.time)
-    for name in a.channels:
-        np.testing.assert_array_equal(a[name], b[name])
 
 
 def test_channels_are_the_promised_ones() -> None:
@@ -66,17 +58,14 @@ def test_refused_with_channel_row_and_reason(time: list, columns: dict, line: st
     assert re.search(line, refused(lambda: Samples(time, columns)))
 
 
-def test_whole_numbers_and_missing_values_are_taken() -> None:
+def test_whole_numbers_missing_values_and_no_rows_are_taken() -> None:
     s = Samples([0, 1, 2], {"position": [1, 2, 3], "command": [np.nan] * 3})
     assert s["position"].dtype == np.float64
     assert s.duration == 2.0
     assert "position" in s and "pressure_1" not in s
     assert np.isnan(s.get("pressure_1")).all() and s.get("pressure_1").shape == (3,)
-
-
-def test_an_empty_log_is_possible() -> None:
-    s = Samples([], {"position": []})
-    assert (len(s), s.duration, repr(s)) == (0, 0.0, "Samples(empty)")
+    none = Samples([], {"position": []})
+    assert (len(none), none.duration, repr(none)) == (0, 0.0, "Samples(empty)")
     assert len(Samples.concatenate([])) == 0
 
 
@@ -97,7 +86,11 @@ def test_blocks_partition_the_log(s: Samples, size: int) -> None:
     assert all(len(b) == size for b in blocks[:-1])
     assert all(0 < len(b) <= size for b in blocks)
     if blocks:
-        same(Samples.concatenate(blocks), s)
+        joined = Samples.concatenate(blocks)
+        assert set(joined.channels) == set(s.channels)
+        np.testing.assert_array_equal(joined.time, s.time)
+        for name in s.channels:
+            np.testing.assert_array_equal(joined[name], s[name])
 
 
 def test_a_channel_that_a_block_lacks_is_missing_there() -> None:
@@ -132,3 +125,53 @@ def test_a_diagnosis_wants_position_pump_and_pressure(channels: set[str]) -> Non
     }
     absent = [name.split(" ")[0] for name in missing_required(channels)]
     assert absent == [name for name in there if not there[name]]
+
+
+WRITTEN = [
+    ("cm2", "area", 1e-4), ("kgf/cm2", "pressure", 98066.5), ("m3/s", "flow", 1.0),
+    ("furlong", "length", None),
+]  # fmt: skip
+# Of the few units that pint does not have in our sense, from the definition.
+DEFINED = {"1/h": 1.0 / 3600.0, "%": 0.01, "1": 1.0}
+
+
+def test_factors_and_fixed_points_are_those_of_pint() -> None:
+    registry = pint.UnitRegistry()
+    base: dict[str, str] = {}
+    for name, each in MEASURES.items():
+        si = base.setdefault(each.dimension, name)
+        if each.dimension in _NOT_BY_PINT or each.dimension == "temperature":
+            assert name not in DEFINED or each.factor == DEFINED[name]
+        elif name:
+            factor = registry.Quantity(1.0, name.replace("rev", "turn")).to(si).magnitude
+            assert (each.factor, each.offset) == (pytest.approx(factor, rel=1e-12), 0.0), name
+    for name in ("K", "degF", "degC", "°C"):
+        for value in (0.0, 100.0):
+            celsius = registry.Quantity(value, name).to("degC").magnitude
+            ours = MEASURES[name].factor * value + MEASURES[name].offset
+            assert ours == pytest.approx(celsius, abs=1e-10), name
+
+
+@pytest.mark.parametrize(("text", "dimension", "factor"), WRITTEN)
+def test_units_as_rigs_write_them(text: str, dimension: str, factor: float | None) -> None:
+    found = find_measure(text, dimension)
+    assert (None if found is None else found.factor) == (factor and pytest.approx(factor))
+
+
+def test_a_channels_own_unit_is_si() -> None:
+    for channel in (c for c in CHANNELS.values() if c.name != "oil_temperature"):
+        found = measure(channel.unit, channel.dimension)
+        assert (found.factor, found.offset) == (1.0, 0.0), channel.name
+
+
+def test_unknown_names_and_wrong_dimensions_are_told_with_what_would_fit() -> None:
+    assert measure(" bar ") is MEASURES["bar"]
+    line = refused(lambda: measure("blurp", "length"))
+    assert line.startswith("unknown unit 'blurp'; use one of: m, cm, mm") and "bar" not in line
+    line = refused(lambda: measure("bar", "length"))
+    assert "'bar' measures pressure, not length; use one of: m, cm" in line
+
+
+@given(st.text(max_size=12).filter(lambda s: s.strip() not in MEASURES))
+def test_any_other_name_is_refused_in_one_line(name: str) -> None:
+    refused(lambda: measure(name))

@@ -1,7 +1,5 @@
 """Generating data sets: the same whatever the workers, resumable, whole or recognisably not; their twins."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -9,18 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fdd import InputError, Samples, Unit
 from fdd.campaign import generate as generate_module
-from fdd.campaign.dataset import Dataset, Entry, digest
+from fdd.campaign.dataset import Dataset, digest
 from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.units import for_each_unit
 from fdd.campaign.visibility import largest_rms, noise_deviation, visibility, visibility_class
-from fdd.errors import InputError
 from fdd.plant.faults.spec import SIMULATED, FaultScales
 from fdd.plant.oil import viscosity_ratio
 from fdd.plant.sensors import MEASURED, Recorder, Recording
-from fdd.samples import Samples
-from fdd.unit import Unit
 from tests.refusal import refused
 
 FOUR = ("internal_leakage", "seal_wear", "aeration", "check_valve_stuck_open")
@@ -90,21 +86,19 @@ def interrupted(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
         calls.append(arguments)
         if len(calls) > after:
             raise KeyboardInterrupt
-        whole(*arguments)  # type: ignore[arg-type]
+        whole(*arguments)
 
     monkeypatch.setattr(generate_module, "make_run", run)
 
 
-def test_an_interrupted_data_set_is_known_as_such_and_resumes(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_data_set_is_known_as_such_and_resumes(made, tmp_path, monkeypatch):
     recipe, directory = small(baseline=True), tmp_path / "set"
     with monkeypatch.context() as patch:
         interrupted(patch, after=6)
         with pytest.raises(KeyboardInterrupt):
             generate(recipe, directory)
-    with pytest.raises(InputError, match=r"unfinished.*fdd generate"):
-        Dataset.load(directory)
+    line = refused(lambda: Dataset.load(directory))
+    assert "unfinished" in line and "fdd generate" in line
     (directory / "unit_000" / ".log_001.parquet.part").write_bytes(b"half a file")
     kept = {p: p.stat().st_mtime_ns for p in directory.rglob("*.parquet")}
     assert len(kept) == 6 + 2  # six runs, of which two have their truth
@@ -121,9 +115,7 @@ def test_a_folder_with_something_else_is_left_alone(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_runs_that_would_rest_at_a_limit_are_drawn_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_runs_that_would_rest_at_a_limit_are_drawn_anew(tmp_path, monkeypatch):
     recipe = small(units=1, logs_per_unit=1)
     drawn = []
     look = generate_module._trouble
@@ -171,8 +163,8 @@ def test_labels_cannot_point_out_of_the_folder(copy: Path) -> None:
     manifest["sha256"] = digest((copy / "recipe.yaml").read_text("utf-8"), text)
     (copy / "labels.json").write_text(text, encoding="utf-8")
     (copy / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
-    with pytest.raises(InputError, match=r"labels\.json.*file"):
-        Dataset.load(copy)
+    line = refused(lambda: Dataset.load(copy))
+    assert "labels.json" in line and "file" in line
 
 
 def test_damaged_files_and_unknown_units_are_told(copy: Path) -> None:
@@ -189,7 +181,7 @@ def test_damaged_files_and_unknown_units_are_told(copy: Path) -> None:
 UNITS = ["unit_000", "unit_001", "unit_002"]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_unit_that_refuses_is_left_out_with_a_warning(workers: int) -> None:
     with pytest.warns(UserWarning, match=f"{UNITS[1]} left out: too short"):
         assert for_each_unit(one_refuses, UNITS, workers=workers) == [u for u in UNITS if u != UNITS[1]]
@@ -213,25 +205,16 @@ def with_twins(**fields: object) -> Recipe:
     return small(**given)
 
 
-def all_kinds() -> Recipe:
+@pytest.fixture(scope="module")
+def twins(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """Each fault of the catalogue at least once, on machines of three rates."""
     rates = [{"name": f"r{r}", "rate": r, "speed": s, "channels": c} for r, s, c in
              ((200, "sampled", FEW), (1000, "counts", None), (2000, "sampled", None))]  # fmt: skip
-    return with_twins(
+    recipe = with_twins(
         units=3, logs_per_unit=7, faults={f: {} for f in SIMULATED}, structures=rates, at_start_share=0.15,
         profiles={"step": 1, "ramp": 1, "intermittent": 1},
     )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def twins(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return Dataset.load(generate(all_kinds(), tmp_path_factory.mktemp("twins") / "set"))
-
-
-def twin_of(data: Dataset, entry: Entry) -> Samples:
-    twin = data.twin(entry)
-    assert twin is not None
-    return twin
+    return Dataset.load(generate(recipe, tmp_path_factory.mktemp("twins") / "set"))
 
 
 def same_bits(one: Samples, other: Samples, rows: slice = slice(None)) -> bool:
@@ -239,23 +222,18 @@ def same_bits(one: Samples, other: Samples, rows: slice = slice(None)) -> bool:
     return one.channels == other.channels and all(a[rows].tobytes() == b[rows].tobytes() for a, b in columns)
 
 
-def rows_before(data: Dataset, entry: Entry) -> int:
-    """Rows before anything was wrong, which have to be the same in both."""
-    log, twin = data.samples(entry), twin_of(data, entry)
-    rows = int(np.searchsorted(log.time, min(f.onset_s for f in entry.faults)))
-    assert same_bits(log, twin, slice(rows)), entry.file
-    assert np.array_equal(log.time, twin.time)
-    return rows
-
-
 def test_a_log_of_any_fault_is_its_twin_to_the_last_bit_before_the_onset(twins: Dataset) -> None:
     assert {f.fault for e in twins.logs for f in e.faults} == set(SIMULATED)
-    before = {e.file: rows_before(twins, e) for e in twins.logs}
+    before = {}
+    for e in twins.logs:
+        log, twin = twins.samples(e), twins.twin(e)
+        before[e.file] = rows = int(np.searchsorted(log.time, min(f.onset_s for f in e.faults)))
+        assert same_bits(log, twin, slice(rows)) and np.array_equal(log.time, twin.time), e.file
     first = [e for e in twins.logs if not before[e.file]]
     assert first and all(e.faults[0].onset_s == 0.0 for e in first), "faults from the first sample"
     assert {e.structure for e in twins.logs if before[e.file]} == {"r200", "r1000", "r2000"}
     assert min(n for n in before.values() if n) > 0.29 * 3.0 * 200.0 * 0.97
-    changed = [not same_bits(twins.samples(e), twin_of(twins, e)) for e in twins.logs]
+    changed = [not same_bits(twins.samples(e), twins.twin(e)) for e in twins.logs]
     assert sum(changed) >= len(twins.logs) - 3, "nearly every fault leaves some trace in some bit"
 
 

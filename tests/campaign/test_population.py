@@ -1,12 +1,11 @@
 """The stated population's draws, and what healthy units and logs differ by, learnt from known spreads."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
+from fdd import Scenario, Unit
 from fdd.campaign import population
 from fdd.campaign.drawing import as_it_runs, draw_scenario, draw_unit, stream
 from fdd.campaign.population import BETWEEN_UNITS, FRICTION, OIL_VOLUME, WANDER, charge_factor, with_its_air
@@ -16,11 +15,9 @@ from fdd.diagnosis.random_effects import log_equations, scattered
 from fdd.plant import conditions as c
 from fdd.plant.oil import stiff_bulk_modulus
 from fdd.plant.prepare import FRICTION_TIME, axis_conditions
-from fdd.plant.scenario import Scenario
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import LogConditions, first_effects, usual_conditions
 from fdd.residuals.normal_equations import marginalised
-from fdd.unit import Unit
 
 STATED = Recipe(schema="fdd.recipe/1", healthy_share=1.0, population="stated", bases=["axis_a"])
 

@@ -1,7 +1,5 @@
 """What is learnt from scored logs, against the densities drawn from; metrics; errors of estimates."""
 
-from __future__ import annotations
-
 import csv
 import io
 from dataclasses import replace
@@ -11,20 +9,18 @@ import numpy as np
 import pytest
 from scipy.stats import genpareto
 
-from fdd.campaign.dataset import Conditions, Dataset, Entry, Label
+from fdd import Scenario, Unit, simulate
+from fdd.campaign.dataset import Dataset, Label
 from fdd.campaign.generate import _trouble, generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, visible_from
 from fdd.campaign.train import LAW_SPREAD, LEAST_LOGS, ScoredLog, learnt, pareto, second_odds
 from fdd.campaign.validate import estimate_errors, outcomes_csv, report_text, summary, validate
-from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality, Trajectories
+from fdd.diagnosis.findings import FaultFinding, Trajectories
 from fdd.diagnosis.model import root
-from fdd.faults import CATALOGUE
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
 from fdd.plant.truth import Truth
 from fdd.residuals.oil import air_compliance
-from fdd.unit import Unit
+from tests.made_up import answer, entry, finding, label
 from tests.refusal import refused
 
 RECIPE = Recipe(
@@ -63,8 +59,7 @@ def test_probabilities_are_those_of_even_odds_before_the_log() -> None:
 
 
 def test_a_quiet_log_does_not_rule_out_faults_that_leave_no_trace() -> None:
-    """A third of the faulty logs look like healthy ones: three quarters of quiet logs are healthy. What a log
-    could not have shown is not learnt as unseen."""
+    """Of a third of the faulty logs; what a log could not have shown is not learnt as unseen."""
     hidden = [scored("leakage", 0.5 * r**2) for r in np.random.default_rng(1).exponential(2.0, 500)]
     clear = [scored("leakage", 0.5 * r**2) for r in 20.0 + np.random.default_rng(2).exponential(12.0, 1000)]
     healthy = [x for x in drawn() if x.family == "healthy"]
@@ -107,52 +102,20 @@ def test_healthy_logs_that_all_score_alike_teach_a_tail_too() -> None:
     assert tail.rate_per_hour == pytest.approx(0.1) and 0.0 < tail.threshold(0.01) < 30.0
 
 
-def outcome(true: list[Label], said: list[FaultFinding], healthy: float = 0.0) -> Outcome:
-    entry = Entry(
-        file="logs/a.parquet", truth="logs/t.parquet", unit="u", base="axis_a", duration_s=1800.0, samples=1,
-        faults=tuple(true), scenario=CONDITIONS, truth_medians={},
-    )  # fmt: skip
-    found = Diagnosis(
-        log="a", axis="axis", unit="u", duration_s=1800.0, samples=1,
-        verdict="faulty" if said else "healthy", faults=said, probabilities={"healthy": healthy},
-        estimates={}, quality=Quality(),
-    )  # fmt: skip
-    return Outcome(entry, found, NOTHING)
-
-
-def label(fault: str, onset: float = 10.0) -> Label:
-    return Label(fault=fault, family=family_of(fault), severity=0.5, onset_s=onset, profile="step")
-
-
-def finding(fault: str, onset: float = 10.5, confidence: float = 0.9, *others: str) -> FaultFinding:
-    return FaultFinding(
-        fault=fault, family=family_of(fault), ambiguity=[fault, *others], confidence=confidence,
-        onset_s=onset, detected_s=onset + 2.0, severity=0.4, severity_interval=(0.3, 0.6),
-    )  # fmt: skip
-
-
-def cells(lines: list[str]) -> list[list[str]]:
-    """Of the rows of a table in Markdown, without its head."""
-    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("|")][2:]
-
-
-def family_of(kind: str) -> str:
-    return CATALOGUE[kind].family
-
-
-USUAL = {"load": "spring", "duty": "steps", "control": "speed", "oil_temperature": 40.0, "charge_factor": 1.0}
-CONDITIONS = Conditions(**USUAL, seed=1)
-NOTHING = {(m, n): (0.02, 0.5) for m in ("ekf", "svsf") for n in ("leakage", "bulk_modulus")}
+def outcome(true: list[Label], said: list[FaultFinding], healthy=0.0, leakage=(0.02, 0.5)) -> Outcome:
+    found = answer("faulty" if said else "healthy", *said, probabilities={"healthy": healthy})
+    rest = {(m, n): (0.02, 0.5) for m in ("ekf", "svsf") for n in ("leakage", "bulk_modulus")}
+    return Outcome(entry(*true), found, {**rest, ("ekf", "leakage"): leakage})
 
 
 def test_the_figures_of_made_up_outcomes() -> None:
     leak, worn, air = "internal_leakage", "pump_wear", "aeration"
     outcomes = [
         outcome([label(leak)], [finding(leak)]),
-        outcome([label(leak)], [finding(worn, 10.5, 0.9, leak)]),  # the group names it
+        outcome([label(leak)], [finding(worn, ambiguity=[worn, leak])]),  # the group names it
         outcome([label(air)], [finding(leak, 11.5)]),  # another class
         outcome([label(air)], [finding(air, 7.0)]),  # before anything was wrong
-        outcome([label(air)], [finding(air, 10.0, 0.4)]),  # less likely than not
+        outcome([label(air)], [finding(air, 10.0, confidence=0.4)]),  # less likely than not
         outcome([label(leak), label(air, 20.0)], [finding(leak), finding(air, 20.0)]),
         outcome([], [], healthy=0.8),
         outcome([], [finding(air)]),
@@ -180,7 +143,7 @@ def test_the_severity_from_which_nine_tenths_are_found_is_that_of_the_draw() -> 
     rng = np.random.default_rng(4)
     outcomes = []
     for severity in rng.uniform(0.05, 1.0, 1500):
-        true = label("internal_leakage").model_copy(update={"severity": float(severity)})
+        true = label("internal_leakage", severity=float(severity))
         seen = rng.random() < 1.0 / (1.0 + (0.2 / severity) ** 4)
         outcomes.append(outcome([true], [finding("internal_leakage")] if seen else []))
     assert visible_from(outcomes, "internal_leakage") == pytest.approx(0.2 * 9.0**0.25, rel=0.12)
@@ -286,19 +249,16 @@ def test_bulk_modulus_is_compared_at_the_profiles_reference_pressure() -> None:
     assert found["bulk_modulus"][0] == pytest.approx(0.0, abs=1e-6)
 
 
-def with_errors(one: Outcome, leakage: tuple[float, float]) -> Outcome:
-    return Outcome(one.entry, one.found, {**one.errors, ("ekf", "leakage"): leakage})
-
-
 def test_the_summary_counts_what_was_found_and_what_was_answered() -> None:
     leak, air = "internal_leakage", "aeration"
     text = summary([
-        with_errors(outcome([label(leak)], [finding(leak)]), (0.01, 1.0)),
-        with_errors(outcome([label(leak)], [finding("pump_wear", 11.0)]), (0.03, 0.5)),
-        with_errors(outcome([label(leak)], []), (float("nan"), 0.0)),
-        with_errors(outcome([label(air)], [finding(air, 5.0)]), (0.05, 0.5)),  # before anything was wrong
+        outcome([label(leak)], [finding(leak)], leakage=(0.01, 1.0)),
+        outcome([label(leak)], [finding("pump_wear", 11.0)], leakage=(0.03, 0.5)),
+        outcome([label(leak)], [], leakage=(float("nan"), 0.0)),
+        outcome([label(air)], [finding(air, 5.0)], leakage=(0.05, 0.5)),  # before anything was wrong
     ])  # fmt: skip
-    rows = {name: row for name, *row in cells(text.splitlines())}
+    cells = [[c.strip() for c in x.split("|")[1:-1]] for x in text.splitlines() if x.startswith("|")]
+    rows = {name: row for name, *row in cells[2:]}
     assert rows["internal leakage"][:2] == ["3", "2"]
     assert set(rows["internal leakage"][2].split(", ")) == {"internal leakage 1", "pump wear 1"}
     assert rows["internal leakage"][3] == "2.8 s", "the median of 2.5 and 3 s"

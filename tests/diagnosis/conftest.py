@@ -1,17 +1,12 @@
 """One unit with a baseline, and what the pipeline says of its logs: shared by all tests of the pipeline."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest
 from simulated_logs import HEALTHY, simulated
 
+from fdd import Diagnosis, Pipeline, Samples, Unit
 from fdd.diagnosis.baseline import add_baseline
-from fdd.diagnosis.findings import Diagnosis
-from fdd.diagnosis.pipeline import Pipeline
-from fdd.samples import Samples
-from fdd.unit import Unit
 
 Answer = Callable[[Samples], Diagnosis]
 

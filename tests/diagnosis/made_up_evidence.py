@@ -1,20 +1,15 @@
 """Frames drawn from the model that evidence assumes: Gaussian, with known coefficients, wander and faults."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.hypotheses import Hypothesis
-from fdd.diagnosis.time_profiles import time_profile_of
 from fdd.residuals.balance_history import marginalised
 from fdd.residuals.effects import Effects
 
-Array = NDArray[np.float64]
 NAME = "volume"
 FRAMES = 80
 EFFECTS = Effects(
@@ -42,19 +37,12 @@ THIRD = hypothesis("third", [0.3, -0.4, 1.0], signed=False)
 
 
 def drawn(
-    seed: int,
-    faults: Sequence[tuple[Hypothesis, float, int]] = (),
-    *,
-    colour: float = 0.0,
-    frames: int = FRAMES,
-    steady: bool = False,
-) -> Evidence:
-    """Evidence of one made-up log.
+    seed: int, faults: Sequence[tuple[Hypothesis, float, int]] = (), *, colour: float = 0.0,
+    frames: int = FRAMES, steady: bool = False,
+) -> Evidence:  # fmt: skip
+    """Evidence of a log with steps of hypotheses, of an amplitude from a frame on.
 
-    Parameters
-    ----------
-    faults : hypothesis, amplitude and first frame of steps. colour : share of a frame's error that the whole
-        two-second block has in common. steady : coefficients do not wander, and rows have hardly any noise.
+    `colour` is the share of a frame's error that a block of two seconds has in common; `steady`: no wander.
     """
     rng = np.random.default_rng(seed)
     n = EFFECTS.mean.size
@@ -80,7 +68,3 @@ def best(evidence: Evidence, h: Hypothesis) -> Amplitude | None:
     """One hypothesis at its likeliest, alone."""
     found = evidence.fits([h], [])
     return found[0] if found else None
-
-
-def step(onset: int, frames: int = FRAMES) -> Array:
-    return time_profile_of("step", frames, onset)

@@ -1,7 +1,5 @@
 """Simulated logs of axis A, healthy and with one fault, each made once."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

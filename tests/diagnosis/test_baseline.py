@@ -1,21 +1,14 @@
-"""What healthy logs say of how a balance errs."""
-
-from __future__ import annotations
+"""What healthy logs say of how a balance errs, and of a unit's own variances from log to log."""
 
 import numpy as np
 import pytest
 from simulated_logs import HEALTHY, simulated
 
-from fdd.diagnosis.baseline import (
-    baseline_of,
-    effects_of,
-    histories_of,
-)
+from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of
+from fdd.diagnosis.random_effects import PRIOR_LOGS, moderation
 from fdd.residuals.balance_history import BalanceHistory
-from fdd.residuals.effects import first_effects, usual_conditions
+from fdd.residuals.effects import LogConditions, first_effects, usual_conditions
 from fdd.unit import Unit
-
-NOISE, ROWS, FRAMES = 0.3, 50, 200
 
 
 @pytest.fixture(scope="module")
@@ -42,9 +35,7 @@ def test_logs_that_are_added_count_as_if_they_had_been_there(histories: list[Bal
         assert (std < 0.85 * std_alone).any() or not told.any(), name
 
 
-def test_what_an_older_fdd_learnt_in_another_scale_counts_for_nothing(
-    histories: list[BalanceHistory],
-) -> None:
+def test_what_an_older_fdd_learnt_in_another_scale_counts_for_nothing(histories):
     unit = Unit.load("axis_a").model_copy(deep=True)
     unit.baseline = baseline_of(histories)
     now = effects_of(unit)
@@ -55,9 +46,7 @@ def test_what_an_older_fdd_learnt_in_another_scale_counts_for_nothing(
     assert not np.array_equal(now["refeed"].mean, first_effects("refeed").mean)
 
 
-def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
-    histories: list[BalanceHistory],
-) -> None:
+def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(histories):
     unit = Unit.load("axis_a")
     unit.baseline = baseline_of(histories)
     one = unit.baseline.balances["force"]
@@ -73,3 +62,28 @@ def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
             usual = first.between_logs(usual_conditions(known.noise)) * known.moderation
             np.testing.assert_allclose(between, usual, rtol=1e-6)
             assert e.noise == known.noise and e.information.any() and e.scatter.any()
+
+
+USUAL = LogConditions(1.0, 0.0, 0.0, 0.0, 0.0)
+FIRST = first_effects("coherence")
+COLUMNS = len(FIRST.mean)
+
+
+def logs(std: float, count: int, precision: float, seed: int = 5) -> list:
+    """Logs whose coefficients depart by so many of the population's standard deviations, all but known."""
+    rng = np.random.default_rng(seed)
+    between = np.sqrt(FIRST.between_logs(USUAL))
+    information = np.diag(precision / between**2)
+    drawn = FIRST.mean + std * between * rng.standard_normal((count, COLUMNS))
+    return [(information, information @ theta, USUAL) for theta in drawn]
+
+
+@pytest.mark.parametrize("std", [0.3, 1.0, 4.0])
+def test_many_logs_tell_a_units_own_variance(std: float) -> None:
+    factor = moderation("coherence", logs(std, 400, 1e4), FIRST)
+    # The variance of 400 normal values scatters by 7 %.
+    np.testing.assert_allclose(factor, (PRIOR_LOGS + 400 * std**2) / (PRIOR_LOGS + 400), rtol=0.25)
+
+
+def test_logs_that_tell_nothing_leave_the_populations() -> None:
+    np.testing.assert_allclose(moderation("coherence", logs(4.0, 3, 1e-9), FIRST), 1.0, atol=1e-3)

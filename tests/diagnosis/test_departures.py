@@ -1,38 +1,55 @@
-"""Amplitudes against what healthy coefficients depart by: closed forms and regimes."""
-
-from __future__ import annotations
+"""Amplitudes against what healthy coefficients depart by: closed forms, regimes, and SciPy's Student's t."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_evidence import DRIFT, EFFECTS, FRAMES, LEAK, drawn
+from made_up_evidence import DRIFT, EFFECTS, FRAMES, LEAK, NAME, drawn
+from scipy.special import log_ndtr
+from scipy.stats import t
 
 from fdd.diagnosis.departures import VAGUE, Array, Departures, changes, departures
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.diagnosis.students_t import as_normal, freedom, heavy_tailed, log_normal, unusual
 from fdd.diagnosis.time_profiles import time_profile_of
 from fdd.residuals.bins import FRAME_S
+from fdd.residuals.effects import Effects
+
+
+def frames_of(seed: int, *, steady: bool = False) -> tuple[Array, Array]:
+    """Information and its product with the coefficients of each frame."""
+    e = drawn(seed, steady=steady).balances[NAME]
+    return e.information, e.rest + e.information @ e.solution
+
+
+def told(information: Array, vector: Array, healthy: Effects = EFFECTS) -> Evidence:
+    return Evidence({NAME: (information, vector)}, {NAME: healthy})
 
 
 def weighed(
     evidence: Evidence, faults: list[tuple[Hypothesis, int]], *, overdispersion: float | Array = 1.0
 ) -> Departures:
     """The first of some faults beside the others."""
-    columns = {"volume": np.array([[h.columns["volume"] for h, _ in faults]])}
+    columns = {NAME: np.array([[h.columns[NAME] for h, _ in faults]])}
     time_profiles = np.array([[time_profile_of("step", FRAMES, onset) for _, onset in faults]])
     parts = Parts(columns, time_profiles, np.full((1, len(faults)), VAGUE), np.zeros(1, np.bool_))
     factor = np.ones(1) * overdispersion
     return departures(evidence.balances, parts, factor, from_start=faults[0][1] == 0)
 
 
+def variance(evidence: Evidence, fault: Hypothesis) -> float:
+    """Of a fault that begins in the middle."""
+    return float(1.0 / weighed(evidence, [(fault, 40)]).information[0])
+
+
 def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
     """Test: one log. Expected: generalised least squares of its coefficients about the unit's."""
     evidence = drawn(3)
-    e = evidence.balances["volume"]
+    e = evidence.balances[NAME]
     found = weighed(evidence, [(LEAK, 0)], overdispersion=2.0)
-    g = LEAK.columns["volume"]
+    g = LEAK.columns[NAME]
     estimate = np.linalg.solve(e.total, (e.rest + e.information @ e.solution).sum(axis=0))
     inverse = np.linalg.inv(EFFECTS.covariance + 2.0 * np.linalg.inv(e.total))
     information = g @ inverse @ g
@@ -43,9 +60,8 @@ def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
 @pytest.mark.parametrize("onset", [0, 40])
 def test_noise_of_twice_the_variance_is_half_of_the_information(onset: int) -> None:
     """Beside another fault too, and for several factors at once."""
-    e = drawn(3).balances["volume"]
-    v = e.rest + e.information @ e.solution
-    whole, half = (Evidence({"volume": (x * e.information, x * v)}, {"volume": EFFECTS}) for x in (1.0, 0.5))
+    m, v = frames_of(3)
+    whole, half = told(m, v), told(0.5 * m, 0.5 * v)
     for faults in ([(LEAK, onset)], [(LEAK, onset), (DRIFT, 20)]):
         both = weighed(whole, faults, overdispersion=np.array([[1.0], [2.0]]))
         for k, alone in enumerate([weighed(whole, faults), weighed(half, faults)]):
@@ -54,50 +70,72 @@ def test_noise_of_twice_the_variance_is_half_of_the_information(onset: int) -> N
 
 def test_where_nothing_is_known_before_an_onset_what_follows_resembles_nothing() -> None:
     """Rounding of what is before it, which is nothing, did."""
-    e = drawn(6, steady=True).balances["volume"]
     healthy = replace(EFFECTS, log_variance=np.full(3, 0.2**2), within=np.full(3, 1e-3))
-    v = e.rest + e.information @ e.solution
-    wide = Evidence({"volume": (e.information, v)}, {"volume": healthy}).balances["volume"]
+    wide = told(*frames_of(6, steady=True), healthy).balances[NAME]
     for before in (0.0, 1e-16, -1e-16):
-        assert changes(wide, (1.0 - before) * e.total[None])[0, 0, 0] == pytest.approx(2.0 * 0.2**2, rel=1e-3)
+        found = changes(wide, (1.0 - before) * wide.total[None])
+        assert found[0, 0, 0] == pytest.approx(2.0 * 0.2**2, rel=1e-3)
 
 
 def test_another_duty_may_be_another_draw() -> None:
-    """Test: a log whose second half is excited in other directions. Expected: less is told of a change there
-    than where both halves are excited alike, by what healthy logs differ by."""
-    e = drawn(5).balances["volume"]
-    v = e.rest + e.information @ e.solution
+    """Where the second half is excited in other directions less is told of a change than where it is not."""
+    m, v = frames_of(5)
     wide = replace(EFFECTS, log_variance=np.full(3, 0.2**2), within=np.full(3, 1e-3))
-    turned = e.information.copy()
+    turned = m.copy()
     for half, kept in ((slice(0, 40), [1.0, 0.05, 0.05]), (slice(40, 80), [0.05, 1.0, 1.0])):
         turned[half] *= np.sqrt(np.outer(kept, kept))
-    one, other = (Evidence({"volume": (m, v)}, {"volume": wide}) for m in (e.information, turned))
-    alike, unlike = (1.0 / weighed(x, [(LEAK, 40)]).information[0] for x in (one, other))
-    assert alike < 0.1**2
-    assert unlike > 0.2**2
+    assert variance(told(m, v, wide), LEAK) < 0.1**2
+    assert variance(told(turned, v, wide), LEAK) > 0.2**2
     # A load's own coefficient is as it was: machines move other loads in other logs, not in another duty.
     loads = replace(wide, own=np.array([False, True, True]))
-    same = Evidence({"volume": (turned, v)}, {"volume": loads})
-    assert 1.0 / weighed(same, [(LEAK, 40)]).information[0] < 0.1**2
+    assert variance(told(turned, v, loads), LEAK) < 0.1**2
 
 
 def test_a_log_changes_no_more_than_two_logs_differ() -> None:
-    """Test: healthy logs that differ by less than what is assumed of one log. Expected: a change within a log
-    is told to the root of two of the difference between logs."""
-    e = drawn(6, steady=True).balances["volume"]
-    v = e.rest + e.information @ e.solution
-    alike = replace(e.healthy, within=np.full(3, 0.5), log_variance=np.full(3, 0.03**2))
-    evidence = Evidence({"volume": (e.information, v)}, {"volume": alike})
-    std = np.sqrt(1.0 / weighed(evidence, [(DRIFT, 40)]).information[0])
+    """A change within a log is told to the root of two of what logs differ by."""
+    alike = replace(EFFECTS, within=np.full(3, 0.5), log_variance=np.full(3, 0.03**2))
+    steady = replace(alike, wander=1e-4 * EFFECTS.wander)
+    std = np.sqrt(variance(told(*frames_of(6, steady=True), steady), DRIFT))
     assert std == pytest.approx(np.sqrt(2.0) * 0.03, rel=0.05)
 
 
 def test_oil_that_warms_unmeasured_changes_coefficients() -> None:
     """However much a log tells: half of its length at the usual rate, in the viscosity's direction alone."""
-    e = drawn(6, steady=True).balances["volume"]
-    warms = replace(e.healthy, warming=np.array([0.01, 0.0, 0.0]))
-    v = e.rest + e.information @ e.solution
-    evidence = Evidence({"volume": (e.information, v)}, {"volume": warms})
-    leak, other = (1.0 / weighed(evidence, [(h, 40)]).information[0] for h in (LEAK, DRIFT))
+    warms = replace(EFFECTS, wander=1e-4 * EFFECTS.wander, warming=np.array([0.01, 0.0, 0.0]))
+    evidence = told(*frames_of(6, steady=True), warms)
+    leak, other = variance(evidence, LEAK), variance(evidence, DRIFT)
     assert leak == pytest.approx((0.01 * 0.5 * FRAMES * FRAME_S) ** 2, rel=0.05)
     assert other < 0.01 * leak
+
+
+@pytest.mark.parametrize("z", [-1e4, -200.0, -30.01, -30.0, -29.99, -8.0, -1.0, -0.0, 0.0, 0.5, 3.0, 7.0])
+def test_the_normal_distribution_function_is_scipys(z: float) -> None:
+    assert log_normal(z) == pytest.approx(float(log_ndtr(z)), rel=1e-12)
+
+
+def test_heavy_tailed_is_students_t_of_welchs_degrees_of_freedom() -> None:
+    """Beside SciPy's densities: four degrees of freedom of few stretches, normal of many."""
+    z = np.array([0.5, 3.0, 12.0])
+    ratio, one = 0.5 * z**2, np.ones(3)
+    for healthy, blocks, nu in ((1.0, 9.0, 4.0), (0.0, 1.0, 4.0), (0.0, 5.0, 20.0), (0.5, 1e9, 16.0)):
+        found = freedom(healthy * one, blocks * one)
+        np.testing.assert_allclose(found, nu)
+        by_t = t.logpdf(0.0, nu) - t.logpdf(z, nu)
+        np.testing.assert_allclose(heavy_tailed(ratio, found), by_t)
+        np.testing.assert_allclose(as_normal(by_t, found), ratio)
+    np.testing.assert_allclose(heavy_tailed(ratio, freedom(0.0 * one, 1e9 * one)), ratio, rtol=1e-3)
+
+
+def test_a_log_is_as_unusual_as_it_is_across_the_fault() -> None:
+    """Beside the scale of a multivariate t: a log off by so many deviations; the leak is along the first."""
+    frames = drawn(1, steady=True).balances[NAME].information
+    std = np.sqrt(np.diag(EFFECTS.covariance))
+    columns, one = {NAME: LEAK.columns[NAME][None, None]}, np.ones((1, 1))
+    parts = Parts(columns, np.ones((1, 1, FRAMES)), one, np.ones(1, np.bool_))
+    for off, kappa in (((9.0, 0.0, 0.0), 0.5), ((0.0, 3.0, 4.0), 0.5), ((5.0, 3.0, 4.0), 2.0)):
+        vector = frames @ (EFFECTS.mean + np.array(off) * std)
+        evidence = told(frames, vector)
+        square = (off[1] ** 2 + off[2] ** 2) / (1.0 + kappa)
+        scale = max((4.0 + square) / (4.0 + 2.0), 1.0)
+        found = unusual(evidence.balances, parts, np.full(1, kappa))
+        np.testing.assert_allclose(found, scale - 1.0, rtol=1e-3, atol=1e-6)

@@ -1,7 +1,5 @@
 """The model file: what it says, what is refused, and how its curves run."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
@@ -13,7 +11,7 @@ from scipy.stats import genpareto
 
 from fdd.bounds import MAX_MODEL_BYTES
 from fdd.diagnosis.model import AlarmTail, Calibration, Model, root
-from fdd.errors import InputError
+from tests.refusal import refused
 
 
 def test_round_trip(tmp_path: Path, tiny_model: Model) -> None:
@@ -41,7 +39,7 @@ BROKEN = {
     "not a number": ({"calibration": {"midpoint": math.nan, "slope": 1}}, "calibration.midpoint"),
     "endless": ({"tail": {"height": math.inf, "rate_per_hour": 1, "scale": 1, "hours": 1}}, "tail.height"),
     "an unknown field": ({"colour": 3}, "colour"),
-    "a list": ([1, 2], ""),
+    "a list": ("[1, 2]", ""),
     "nested beyond reading": ("[" * 100_000, ""),
     "a figure beyond reading": ('{"data": 1' + "0" * 5_000 + "}", ""),
 }  # fmt: skip
@@ -51,26 +49,17 @@ BROKEN = {
 def test_a_broken_file_is_refused_in_one_line(case: str, tmp_path: Path, tiny_model: Model) -> None:
     change, place = BROKEN[case]
     path = tmp_path / "broken.json"
-    if isinstance(change, str):
-        path.write_text(change)
-    elif isinstance(change, dict):
-        path.write_text(json.dumps({**json.loads(tiny_model.model_dump_json(by_alias=True)), **change}))
-    else:
-        path.write_text(json.dumps(change))
-    with pytest.raises(InputError) as caught:
-        Model.load(path)
-    line = str(caught.value)
-    assert "\n" not in line
-    assert str(path) in line
-    assert place in line
+    if isinstance(change, dict):
+        change = json.dumps({**json.loads(tiny_model.model_dump_json(by_alias=True)), **change})
+    path.write_text(change)
+    line = refused(lambda: Model.load(path))
+    assert str(path) in line and place in line
 
 
 def test_a_missing_or_huge_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such model file"):
-        Model.load(tmp_path / "none.json")
+    assert "no such model file" in refused(lambda: Model.load(tmp_path / "none.json"))
     (tmp_path / "huge.json").write_bytes(b" " * (MAX_MODEL_BYTES + 1))
-    with pytest.raises(InputError, match="larger than"):
-        Model.load(tmp_path / "huge.json")
+    assert "larger than" in refused(lambda: Model.load(tmp_path / "huge.json"))
 
 
 RATES = st.floats(1e-12, 1e6)

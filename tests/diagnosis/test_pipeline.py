@@ -14,18 +14,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
 
-from fdd.diagnosis.findings import Diagnosis
-from fdd.diagnosis.pipeline import Pipeline
-from fdd.errors import InputError
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
+from fdd import Pipeline, Samples, Scenario, Unit, simulate
+from fdd.diagnosis.findings import Diagnosis, FaultFinding
 from fdd.residuals.tracking import Tracking
-from fdd.samples import Samples
-from fdd.unit import Unit
 from reports.disturbed import mirrored, mirrored_unit
+from tests.refusal import refused
 
 Answer = Callable[[Samples], Diagnosis]
-SHARED = settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SHARED = settings(max_examples=5, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def pushed(unit: Unit, samples: Samples, cuts: list[int]) -> Pipeline:
@@ -43,30 +39,24 @@ def said(pipeline: Pipeline) -> str:
     return text(pipeline.finish())
 
 
-def chosen(samples: Samples, keep: Any) -> Samples:
-    return Samples(samples.time[keep], {c: samples[c][keep] for c in samples.channels})
+def live(pipeline: Pipeline, samples: Samples, rows: int) -> list[FaultFinding]:
+    """What is told while it is pushed, block by block."""
+    return [f for block in samples.blocks(rows) for f in pipeline.push(block)]
 
 
 @pytest.mark.parametrize(
     ("fault", "severity", "load", "side"),
     [
-        ("internal_leakage", 0.7, "spring", None),
-        ("internal_leakage", 0.7, "push", None),
-        ("check_valve_stuck_open", 0.7, "spring", 1),
-        ("check_valve_stuck_open", 0.7, "gust", 1),
-        ("check_valve_stuck_open", 0.7, "gust", 2),
-        ("motor_degradation", 0.7, "spring", None),
-        ("motor_degradation", 0.7, "push", None),
-        ("pressure_sensor_bias", 0.6, "spring", None),
+        ("internal_leakage", 0.7, "spring", None), ("internal_leakage", 0.7, "push", None),
+        ("check_valve_stuck_open", 0.7, "spring", 1), ("check_valve_stuck_open", 0.7, "gust", 1),
+        ("check_valve_stuck_open", 0.7, "gust", 2), ("motor_degradation", 0.7, "spring", None),
+        ("motor_degradation", 0.7, "push", None), ("pressure_sensor_bias", 0.6, "spring", None),
     ],
 )  # fmt: skip
-def test_names_a_fault_and_its_onset(
-    answer: Answer, fault: str, severity: float, load: str, side: int | None
-) -> None:
+def test_names_a_fault_and_its_onset(answer, fault, severity, load, side):
     found = answer(simulated(21, load, fault, severity, side))
-    assert found.verdict == "faulty"
     leading = found.faults[0]
-    assert leading.fault == fault
+    assert (found.verdict, leading.fault) == ("faulty", fault)
     assert abs(leading.onset_s - ONSET_S) <= 1.0
     assert leading.onset_s <= leading.detected_s <= DURATION_S
     assert leading.severity == pytest.approx(severity, abs=0.25)
@@ -81,9 +71,8 @@ def test_under_a_one_way_load_a_stuck_check_valve_is_in_the_group(answer: Answer
     found = answer(simulated(21, "push", "check_valve_stuck_open", 0.7, 1))
     leading = found.faults[0]
     assert {"check_valve_stuck_open", "relief_valve_stuck_open"} <= set(leading.ambiguity)
-    assert list(leading.shares) == leading.ambiguity and sum(leading.shares.values()) == pytest.approx(
-        1.0, abs=1e-3
-    )
+    assert list(leading.shares) == leading.ambiguity
+    assert sum(leading.shares.values()) == pytest.approx(1.0, abs=1e-3)
     relief = leading.confidence * leading.shares["relief_valve_stuck_open"]
     assert found.probabilities["relief_valve"] == pytest.approx(relief, abs=0.01)
     assert abs(leading.onset_s - ONSET_S) <= 1.0
@@ -92,8 +81,7 @@ def test_under_a_one_way_load_a_stuck_check_valve_is_in_the_group(answer: Answer
 @pytest.mark.parametrize(("seed", "load"), [(31, "spring"), (32, "push"), (33, "pull"), (34, "gust")])
 def test_a_healthy_log_has_no_fault(answer: Answer, seed: int, load: str) -> None:
     found = answer(simulated(seed, load))
-    assert found.verdict == "healthy"
-    assert found.faults == []
+    assert found.verdict == "healthy" and found.faults == []
     assert max(found.probabilities, key=lambda k: found.probabilities[k]) == "healthy"
 
 
@@ -130,9 +118,7 @@ def test_one_early_row_changes_nothing(unit: Unit, leaking: Samples) -> None:
 @pytest.mark.parametrize(
     ("fault", "load", "side"), [("internal_leakage", "spring", None), ("check_valve_stuck_open", "gust", 2)]
 )
-def test_a_mirrored_unit_says_the_same(
-    unit: Unit, answer: Answer, fault: str, load: str, side: int | None
-) -> None:
+def test_a_mirrored_unit_says_the_same(unit, answer, fault, load, side):
     samples = simulated(21, load, fault, 0.7, side)
     one = answer(samples).faults[0]
     turned = mirrored_unit(unit, [simulated(seed, load) for seed, load in HEALTHY])
@@ -167,9 +153,9 @@ def test_little_data_is_inconclusive(unit: Unit, leaking: Samples, count: int) -
 
 def test_an_alarm_is_told_live_once(unit: Unit, leaking: Samples) -> None:
     pipeline = Pipeline(unit, keep_trajectories=False)
-    live = [f for block in leaking.blocks(1_000) for f in pipeline.push(block)]
-    assert [f.fault for f in live] == ["internal_leakage"]
-    assert pipeline.finish().faults[0].detected_s == live[0].detected_s
+    (told,) = live(pipeline, leaking, 1_000)
+    assert told.fault == "internal_leakage"
+    assert pipeline.finish().faults[0].detected_s == told.detected_s
     assert pipeline.largest_score > pipeline.threshold
 
 
@@ -180,8 +166,8 @@ def test_a_sensor_whose_fault_turns_out_to_be_another_is_told_again(unit: Unit, 
     for row in (5_000, 8_000):
         still["position"][row:] += 1e-3
     pipeline = Pipeline(unit, keep_trajectories=False)
-    live = [f for block in Samples(leaking.time, still).blocks(500) for f in pipeline.push(block)]
-    assert [f.fault for f in live if f.channel == "position"] == ["sensor_dropout", "position_sensor_slip"]
+    told = live(pipeline, Samples(leaking.time, still), 500)
+    assert [f.fault for f in told if f.channel == "position"] == ["sensor_dropout", "position_sensor_slip"]
     (said,) = (f for f in pipeline.finish().faults if f.channel == "position")
     assert (said.fault, said.onset_s) == ("position_sensor_slip", pytest.approx(1.0, abs=0.02))
 
@@ -201,13 +187,10 @@ def test_what_an_encoder_slips_by_is_no_oil(unit: Unit, leaking: Samples, seed: 
 
 
 @pytest.mark.parametrize(("early", "kept"), [(8.0, False), (2.0, True)])
-def test_an_alarm_well_before_the_onset_did_not_detect_it(
-    unit: Unit, leaking: Samples, early: float, kept: bool
-) -> None:
+def test_an_alarm_well_before_the_onset_did_not_detect_it(unit, leaking, early, kept):
     pipeline = pushed(unit, leaking, [])
     alarms = pipeline._acute.active.alarms
-    alarm = alarms["leakage"]
-    alarms["leakage"] = alarm.model_copy(update={"detected_s": ONSET_S - early})
+    alarms["leakage"] = alarms["leakage"].model_copy(update={"detected_s": ONSET_S - early})
     (found,) = pipeline.finish().faults
     assert found.onset_s == pytest.approx(ONSET_S, abs=1.0)
     # Near it, the onset has moved; before that, something else raised it.
@@ -216,10 +199,8 @@ def test_an_alarm_well_before_the_onset_did_not_detect_it(
 
 def test_state_of_another_unit_or_version_is_refused(unit: Unit, leaking: Samples) -> None:
     state = pushed(unit, leaking.rows(0, 3_000), []).state()
-    with pytest.raises(InputError, match="axis_a"):
-        Pipeline(Unit.load("axis_b")).restore(state)
-    with pytest.raises(InputError, match="another version"):
-        Pipeline(unit).restore({})
+    assert "axis_a" in refused(lambda: Pipeline(Unit.load("axis_b")).restore(state))
+    assert "another version" in refused(lambda: Pipeline(unit).restore({}))
 
 
 def test_to_be_asked_in_between_changes_nothing(unit: Unit, leaking: Samples) -> None:
@@ -237,14 +218,11 @@ def test_to_be_asked_in_between_changes_nothing(unit: Unit, leaking: Samples) ->
 
 def test_blocks_out_of_order_are_refused(unit: Unit, leaking: Samples) -> None:
     pipeline = pushed(unit, leaking.rows(0, 2_000), [])
-    with pytest.raises(InputError, match="time order"):
-        pipeline.push(leaking.rows(1_000, 3_000))
+    assert "time order" in refused(lambda: pipeline.push(leaking.rows(1_000, 3_000)))
 
 
 @pytest.mark.parametrize("cuts", [[], [300, 1_700, 9_000]])
-def test_a_channel_that_comes_late_is_waited_for(
-    unit: Unit, answer: Answer, leaking: Samples, cuts: list[int]
-) -> None:
+def test_a_channel_that_comes_late_is_waited_for(unit, answer, leaking, cuts):
     columns = {c: leaking[c].copy() for c in leaking.channels}
     columns["position"][:2_345] = np.nan
     late, whole = pushed(unit, Samples(leaking.time, columns), cuts).finish(), answer(leaking)
@@ -292,9 +270,7 @@ def test_a_stop_of_days_costs_nothing_and_begins_like_another_log(unit: Unit) ->
 
 
 @pytest.mark.parametrize("cuts", [[], [1500, 33_000]])
-def test_a_tracker_that_lost_the_motion_is_believed_again_after_a_stop(
-    unit: Unit, cuts: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_tracker_that_lost_the_motion_is_believed_again_after_a_stop(unit, cuts, monkeypatch):
     """However the flights come, and whether trajectories are kept."""
     healthy = simulated(21, "spring")
     both = Samples.concatenate([healthy, Samples(healthy.time + 3600.0, healthy.columns)])
@@ -320,18 +296,13 @@ def test_a_tracker_that_lost_the_motion_is_believed_again_after_a_stop(
 def test_a_lost_accumulator_sensor_is_no_second_fault(unit: Unit, fails: float) -> None:
     """What stands in for its pressure must not look like a valve that sticks."""
     log = simulated(50, "spring")
-    log = log.with_columns(
-        {"pressure_accumulator": np.where(log.time < 15.2, log["pressure_accumulator"], fails)}
-    )
-    pipeline = Pipeline(unit, keep_trajectories=False)
-    pipeline.push(log)
-    assert [f.fault for f in pipeline.finish().faults] == ["sensor_dropout"]
+    pressure = np.where(log.time < 15.2, log["pressure_accumulator"], fails)
+    lost = log.with_columns({"pressure_accumulator": pressure})
+    assert [f.fault for f in pushed(unit, lost, []).finish().faults] == ["sensor_dropout"]
 
 
 @pytest.mark.parametrize(("severity", "faults"), [(0.0, []), (1.0, ["check_valve_clogged"])])
-def test_a_clogged_valve_shows_without_an_accumulator_sensor(
-    unit: Unit, severity: float, faults: list[str]
-) -> None:
+def test_a_clogged_valve_shows_without_an_accumulator_sensor(unit, severity, faults):
     """The lower chamber falls below what any healthy log's has been at."""
     fault = {"fault": "check_valve_clogged", "severity": severity, "side": 2, "onset": 15.0}
     scenario = Scenario(duration=40.0, load={"name": "constant"}, faults=[fault] if severity else [], seed=4)
@@ -348,6 +319,6 @@ def test_a_load_cell_that_fails_or_is_slow_is_no_worn_seal(unit: Unit, slow: boo
     force = np.interp(log.time, run.truth.time, run.truth["load_force"])
     force += np.random.default_rng(2).normal(0.0, 20.0, len(log))
     there = np.arange(len(log)) % 20 == 0 if slow else log.time < 20.0
-    with_cell = {**{n: log[n] for n in log.channels}, "load_force": np.where(there, force, np.nan)}
-    found = pushed(unit, Samples(log.time, with_cell), []).finish()
+    with_cell = log.with_columns({"load_force": np.where(there, force, np.nan)})
+    found = pushed(unit, with_cell, []).finish()
     assert [f.fault for f in found.faults] == faults

@@ -1,16 +1,17 @@
-"""Evaluations one after another: how many it takes, what one that does not count leaves, and a fault's
-end."""
+"""Evaluations one after another: how many an alarm takes, which faults are active, and their end."""
 
-from __future__ import annotations
+import math
 
 import pytest
 from made_up_evidence import drawn, hypothesis
 
+from fdd.diagnosis.active_faults import ActiveFaults, Evaluation
 from fdd.diagnosis.answering import Span
 from fdd.diagnosis.decision import decide
 from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.sequential_detector import SequentialDetector
+from tests.made_up import finding
 
 INNER = hypothesis("internal_leakage", [1.0, 0.0, 0.0])
 AIR = hypothesis("aeration", [0.0, 1.0, 0.2])
@@ -28,9 +29,7 @@ def families(found: list[FaultFinding]) -> list[str]:
 
 
 @pytest.mark.parametrize(("above", "looks"), [(0.2, 3), (1.4, 3), (1.6, 1)])
-def test_an_alarm_takes_three_looks_or_one_that_is_much_surer(
-    tiny_model: Model, above: float, looks: int
-) -> None:
+def test_an_alarm_takes_three_looks_or_one_that_is_much_surer(tiny_model, above, looks):
     """By 1.5 of the log likelihood: the odds that a peak of chance alone would have."""
     detector = SequentialDetector([INNER, AIR], SCORE - above, tiny_model)
     for k in range(1, 4):
@@ -77,9 +76,7 @@ def test_a_second_look_at_the_same_end_counts_once(tiny_model: Model) -> None:
     )
 
 
-def test_an_onset_is_not_before_the_first_sample_and_stays_once_its_frames_are_gone(
-    tiny_model: Model,
-) -> None:
+def test_an_onset_is_not_before_the_first_sample_and_stays_once_its_frames_are_gone(tiny_model):
     detector = SequentialDetector([INNER], 1.0, tiny_model)
     [found] = detector.evaluate(STEP, span(40.0), 20.3).findings
     assert found.onset_s == 20.3, "in the middle of the frame that it falls in"
@@ -110,3 +107,59 @@ def test_a_detector_of_known_kinds_alone_tells_the_nearest(tiny_model: Model) ->
         detector = SequentialDetector([INNER], 4.0, tiny_model, unknown=unknown)
         evaluation = detector.evaluate(strange, span(40.0), 0.0)
         assert families(evaluation.findings)[0] == family and family in evaluation.labels
+
+
+LEAK = finding("internal_leakage", 10.0)
+
+
+def evaluation(now: float, *findings: FaultFinding, over: dict[str, float] | None = None) -> Evaluation:
+    labels = {f.family: f"label of {f.family}" for f in findings}
+    return Evaluation(now, drawn(1, frames=5), list(findings), [9.0], 9.0, labels, over or {})
+
+
+def test_a_fault_is_new_once_and_gone_when_three_looks_running_missed_it() -> None:
+    active = ActiveFaults()
+    assert families(active.take(evaluation(20.0, LEAK), 0.0)[0]) == ["leakage"]
+    for now, seen, stands in (
+        (25.0, False, True), (30.0, False, True), (35.0, True, True),  # seen again: counted anew
+        (40.0, False, True), (45.0, False, True), (50.0, False, False),
+    ):  # fmt: skip
+        fresh, over = active.take(evaluation(now, *[LEAK] * seen), 0.0)
+        assert not fresh and not over
+        assert families(active.findings()) == ["leakage"] * stands, now
+    assert active.intervals() == [(10.0, 50.0)], "it may have been there until it was gone"
+    assert active.labels == {}
+    assert families(active.take(evaluation(55.0, finding("internal_leakage", 52.0)), 0.0)[0]) == ["leakage"]
+    assert active.alarms["leakage"].onset_s == 10.0, "the first of its family"
+    assert active.intervals() == [(10.0, 50.0), (52.0, math.inf)]
+
+
+def test_of_two_findings_of_a_family_the_surer_one_stands() -> None:
+    active = ActiveFaults()
+    weaker = finding("internal_leakage", 15.0, confidence=0.6)
+    active.take(evaluation(20.0, LEAK, weaker), 0.0)
+    assert [f.onset_s for f in active.findings()] == [10.0]
+
+
+def test_a_fault_is_over_once_it_has_been_gone_for_a_minute() -> None:
+    """Less, and it may be one that comes and goes."""
+    active = ActiveFaults()
+    active.take(evaluation(70.0, LEAK), 0.0)
+    for now in (95.0, 159.0):
+        assert active.take(evaluation(now, LEAK, over={"leakage": 100.0}), 0.0) == ([], [])
+        assert families(active.findings()) == ["leakage"]
+    fresh, over = active.take(evaluation(160.0, LEAK, over={"leakage": 100.0, "aeration": 20.0}), 0.0)
+    assert not fresh and over == [(10.0, 100.0)], "only what stood can be over, and is not raised again by it"
+    assert active.findings() == [] and active.intervals() == [(10.0, 100.0)]
+    assert families(active.past(set(), 0.0)) == ["leakage"], "what was is told"
+    assert active.past({"leakage"}, 0.0) == [], "but not twice"
+
+
+def test_an_alarm_that_the_evidence_at_hand_refutes_is_not_told() -> None:
+    """Gone though its onset is still in sight: it was none. Older than that: nothing speaks against it."""
+    active = ActiveFaults()
+    active.take(evaluation(20.0, LEAK), 0.0)
+    for now in (25.0, 30.0, 35.0):
+        active.take(evaluation(now), 0.0)
+    assert active.past(set(), 5.0) == []
+    assert families(active.past(set(), 11.0)) == ["leakage"]

@@ -4,8 +4,6 @@ Process noise, walks, the valves' pull, robust weights, jumps and bounds are wri
 tracker's documentation; of the tracker's code only the model's step is used, which has tests of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -17,10 +15,9 @@ from estimators.eha.noise import Noise
 from estimators.eha.tracker import EhaTracker
 from estimators.eha.walk import walk_parameters, walk_rates
 from estimators.ekf import ExtendedKalmanFilter
+from fdd import Unit, simulate
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.simulate import simulate
 from fdd.residuals.tracking import Channels, Tracking
-from fdd.unit import Unit
 
 N = eha.STATES
 VALVES = [eha.VALVE1, eha.VALVE2]

@@ -1,7 +1,5 @@
 """The tracker on simulated axes, whose plant shares no code with it."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import pairwise
 
@@ -12,12 +10,11 @@ from hypothesis import strategies as st
 
 from estimators.eha import layout
 from estimators.eha import model as eha
+from fdd import Samples, Unit
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.residuals.tracked import Tracked
 from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
-from fdd.samples import Samples
-from fdd.unit import Unit
 
 LEAK = {"fault": "internal_leakage", "severity": 0.5, "onset": 6.0}
 # The filters' L_T is a coefficient of laminar leakage. An orifice's has no such coefficient: its secant,

@@ -1,7 +1,5 @@
 """The guide of the estimators (estimators/README.md): its code runs, and says what the guide says."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

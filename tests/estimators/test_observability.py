@@ -1,9 +1,7 @@
 """What the last seconds told, which estimates may be used, and that rest teaches nothing."""
 
-from __future__ import annotations
-
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -40,13 +38,6 @@ def records(seed: int, n: int = 400, *, jumps: bool = False) -> tuple[np.ndarray
     return time, values, stds, walks
 
 
-def same(one: dict[str, Observed], other: dict[str, list[Observed]]) -> None:
-    for name, seen in one.items():
-        for part in PARTS:
-            parts = np.concatenate([getattr(o, part) for o in other[name]])
-            np.testing.assert_array_equal(parts, getattr(seen, part), err_msg=f"{name} {part}")
-
-
 @given(st.lists(st.integers(0, 400), max_size=12), st.integers(0, 20))
 def test_any_cut_into_blocks_gives_the_same_bits_also_over_restarts(cuts: list[int], seed: int) -> None:
     time, values, stds, walks = records(seed, jumps=True)
@@ -56,16 +47,16 @@ def test_any_cut_into_blocks_gives_the_same_bits_also_over_restarts(cuts: list[i
     for a, b in pairwise([0, *sorted(cuts), 400]):
         block = {name: v[a:b] for name, v in values.items()}, {name: v[a:b] for name, v in stds.items()}
         d = walks["a"]
-        walk = {"a": Drift(d.rate[a:b], d.ceiling[a:b], d.scale[a:b])}  # type: ignore[index]
+        walk = {"a": Drift(d.rate[a:b], d.ceiling[a:b], d.scale[a:b])}
         state = watch.state()
         watch = Observability(LIMITS)
         watch.restore(state)
         for name, seen in watch.push(time[a:b], *block, walk).items():
             parts[name].append(seen)
-    same(whole, parts)
-    for name, seen in watch.latest().items():
-        for part in PARTS:
-            np.testing.assert_array_equal(getattr(seen, part), getattr(whole[name], part)[-1:])
+    for name, part in product(LIMITS, PARTS):
+        joined = np.concatenate([getattr(seen, part) for seen in parts[name]])
+        np.testing.assert_array_equal(joined, getattr(whole[name], part), err_msg=f"{name} {part}")
+        np.testing.assert_array_equal(getattr(watch.latest()[name], part), joined[-1:])
 
 
 @given(st.integers(0, 1000))
@@ -287,9 +278,7 @@ def standstill_blocks(simulation: Simulation, noise: np.ndarray, until: float) -
     ("method", "load", "until"),
     [("ekf", {"name": "constant", "level": 1500.0}, 3600.0), ("svsf", {"name": "none"}, 300.0)],
 )
-def test_an_hour_at_standstill_moves_no_estimate_by_more_than_one_std(
-    method: str, load: dict, until: float
-) -> None:
+def test_an_hour_at_standstill_moves_no_estimate_by_more_than_one_std(method, load, until):
     simulation = run(60.0, MOVES, load=load)
     f = Followed(simulation, method)
     rest = int(np.searchsorted(f.time, 20.0))

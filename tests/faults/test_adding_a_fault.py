@@ -1,7 +1,5 @@
 """Adding a fault touches one module of the product and one line of a recipe: shown on a copy of the tree."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -17,6 +15,7 @@ NEW = "bypass_valve_ajar"
 USE = f"""
 from pathlib import Path
 import numpy as np
+from fdd import Scenario, Unit
 import fdd
 assert Path(fdd.__file__).is_relative_to(Path.cwd()), fdd.__file__
 
@@ -34,8 +33,6 @@ assert np.isclose(larger["bypass_valve_flow"], 0.5 * larger["relief_valve_flow"]
 from fdd.plant import conditions as c
 from fdd.plant.faults.spec import parse_fault
 from fdd.plant.prepare import axis_conditions
-from fdd.plant.scenario import Scenario
-from fdd.unit import Unit
 for scales, flow in (({{}}, 5e-5), ({{"bypass_valve_flow": 2e-5}}, 2e-5)):
     faults = [parse_fault("{NEW}:severity=0.4,onset=1")]
     scenario = Scenario(faults=faults, fault_scales=scales)
@@ -66,6 +63,7 @@ def test_the_diff_is_one_new_module_and_one_recipe_line() -> None:
     assert changed == [f"+  {NEW}: {{weight: 0.3}}"]
 
 
+@pytest.mark.slow
 def test_it_is_in_the_catalogue_in_the_recipe_and_in_the_plant(copy: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(copy)}
     command = [sys.executable, "-c", USE]

@@ -1,23 +1,19 @@
 """Units with known truth, and healthy logs of theirs: for calibration, and of ordinary work."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from fdd import Samples, Scenario, Unit, simulate
+from fdd.identification.identify import identify_unit
 from fdd.identification.profile import Identification
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
-from fdd.samples import Samples
-from fdd.unit import Unit
 
 TEMPERATURE = 35.0
 SEEDS = (1, 2, 3)
 KNOWN = {"air_law": "free", "pump_friction": 0.0}
-"""Details of the plant as identification takes them: air that stays free, a pump whose load does not rub.
-`test_identify.test_what_its_model_lacks_moves_its_figures_by_so_much` has the others."""
+"""Details as identification takes them; `test_identify.test_what_its_model_lacks_...` has the others."""
 LOADS = ("none", "spring", "constant", "gust")
 DUTIES = ("steps", "flight", "sines", "strokes", "sawtooth")
 
@@ -30,6 +26,13 @@ class Case:
     base: Unit
     logs: list[Samples]
     found: Identification
+
+
+@cache
+def case_of(seed: int) -> Case:
+    truth, base = random_unit(seed), Unit.load("axis_a")
+    logs = calibration_logs(truth, seed)
+    return Case(truth, base, logs, identify_unit(logs, base, name=f"unit {seed}"))
 
 
 def identified(found: Identification, quantity: str) -> tuple[float, float]:

@@ -1,13 +1,14 @@
-"""The experiments on logs whose truth is known: closed-form systems, and the plant."""
-
-from __future__ import annotations
+"""The experiments on logs whose truth is known: closed-form systems, the plant, and its oil."""
 
 import functools
 
 import numpy as np
 import pytest
+from made_units import calibration_logs, case_of, random_unit
 from scipy.signal import cont2discrete, lfilter
 
+from fdd import Samples, Scenario, Unit
+from fdd.identification.experiments.bulk_modulus import bulk_modulus
 from fdd.identification.experiments.friction import friction
 from fdd.identification.experiments.gain import gain
 from fdd.identification.experiments.leakage import leakage
@@ -16,12 +17,13 @@ from fdd.identification.experiments.polynomial import Series, fit_model
 from fdd.identification.experiments.response import frequency_response, from_profile
 from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.identification.record import Record, even_record
+from fdd.plant import oil as plant_oil
 from fdd.plant.details import Details
-from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import Simulation, simulate
-from fdd.unit import Unit
+from fdd.residuals.oil import air_compliance
 from reports.thesis.runs import VOLT, identification_volts, run_speed
 
+AXIS_A = Unit.load("axis_a")
 T = 1.0 / 400.0
 GAIN, HZ, ZETA = 3.66e-4, 55.0, 0.12
 OMEGA = 2.0 * np.pi * HZ
@@ -68,7 +70,7 @@ def told(outcome: Outcome) -> dict[str, Told]:
 
 
 def record(run: Simulation) -> Record:
-    return even_record(run.samples, Unit.load("axis_a"), "log")
+    return even_record(run.samples, AXIS_A, "log")
 
 
 @pytest.mark.slow
@@ -122,7 +124,7 @@ def drawn(seed: int) -> tuple[Unit, list[Simulation]]:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_leakage_gain_and_slip_of_a_drawn_unit(seed):
-    (unit, runs), base = drawn(seed), Unit.load("axis_a")
+    (unit, runs), base = drawn(seed), AXIS_A
     logs = [record(run) for run in runs]
     figures = told(leakage(logs, base))
     leak, share = figures["leakage coefficient, straight line"], figures["volumetric efficiency"]
@@ -145,7 +147,7 @@ def test_friction_is_that_on_the_piston():
     inside, count = 0, 0
     for seed in (0, 1):
         run = drawn(seed)[1][0]
-        outcome = friction([record(run)], Unit.load("axis_a"))
+        outcome = friction([record(run)], AXIS_A)
         mean = np.ones(40) / 40.0
         for direction, sign in (("forward", 1.0), ("reverse", -1.0)):
             columns = (run.truth[name] for name in ("velocity", "friction_force"))
@@ -167,3 +169,71 @@ def test_what_a_log_does_not_excite_is_said():
     assert "No strokes forward above" in sentences["friction"] and "viscous" in sentences["friction"]
     assert "Load the actuator" in sentences["leakage"]
     assert "Gain forward: fewer than" in sentences["gain"]
+
+
+def outcome(logs: list[Samples], base: Unit = AXIS_A) -> Outcome:
+    return bulk_modulus([even_record(log, base, "log") for log in logs], base)
+
+
+def with_air(unit: Unit, air: float) -> Unit:
+    """The same oil with another share of free air: the oil itself stays as stiff."""
+    oil = unit.oil
+    soft = float(air_compliance(oil.reference_pressure, oil.polytropic_index))
+    oil.bulk_modulus = 1.0 / (1.0 / oil.bulk_modulus + (air - oil.air_fraction) * soft)
+    oil.air_fraction = air
+    return unit
+
+
+def hits(found: Outcome, truth: Unit) -> list[bool]:
+    """Whether each interval holds the plant's own number."""
+    inside = []
+    for t in found.told:
+        if "free air at" in t.quantity:
+            true = truth.oil.air_fraction
+        elif "without" in t.quantity:
+            true = plant_oil.stiff_bulk_modulus(truth.oil)
+        else:
+            pressure = float(t.quantity.split(" at ")[1].split()[0]) * 1e5
+            true = float(plant_oil.bulk_modulus(truth.oil, pressure))
+        inside.append(t.low < true < t.high)
+    return inside
+
+
+@pytest.mark.parametrize("air", [0.001, 0.02])
+def test_aeration_shows_at_low_pressure(air: float) -> None:
+    truth = with_air(random_unit(2), air)
+    found = outcome(calibration_logs(truth, 2))
+    assert hits(found, truth) == [True] * 4
+    free = next(t for t in found.told if "free air" in t.quantity)
+    assert not free.low < AXIS_A.oil.air_fraction < free.high
+    assert "profile 0.003" in free.note
+    fitted = found.curves["fitted"]
+    true = plant_oil.bulk_modulus(truth.oil, fitted["pressure"])
+    assert fitted["bulk_modulus"] == pytest.approx(true, rel=0.12)
+    assert np.mean((fitted["low"] < true) & (true < fitted["high"])) > 0.9
+
+
+def test_one_throttled_log_is_enough() -> None:
+    found = outcome(case_of(1).logs[2:3])
+    assert len(found.told) >= 3 and all(hits(found, case_of(1).truth))
+
+
+def test_volumes_that_strokes_do_not_tell_widen_the_interval() -> None:
+    sines = case_of(1).logs[1:2]
+    found = outcome(sines)
+    assert any("volumes stay" in note for note in found.notes) and all(hits(found, case_of(1).truth))
+    first = found.told[0]
+    assert first.high - first.low > 2.0 * 1.96 * 0.15 * first.value
+    known = AXIS_A.model_copy(deep=True)
+    for name in ("volume_1", "volume_2"):
+        known.cylinder.provenance[name].std = 0.02 * getattr(known.cylinder, name)
+    sharper = outcome(sines, known).told[0]
+    assert sharper.high - sharper.low < 0.5 * (first.high - first.low)
+
+
+def test_chambers_never_shut_are_said() -> None:
+    log = case_of(1).logs[0]
+    low = log["pressure_accumulator"]
+    never_shut = {"pressure_1": low, "pressure_2": low, "pressure_difference": 0.0 * low}
+    found = outcome([log.with_columns(never_shut)])
+    assert not found.told and "refeeding" in found.not_told[0] and " 0 % of the time" in found.not_told[0]

@@ -1,23 +1,22 @@
-"""May a profile be used: simulated units within manufacturing spread, and what a fitter gets wrong."""
+"""May a profile be used, and may a log be held against it: what a fitter and a reader of logs get wrong."""
 
-from __future__ import annotations
+from pathlib import Path
 
 import numpy as np
 import pytest
 from made_units import only, scaled, spread_unit, with_swapped_chambers, work
 from scipy.ndimage import uniform_filter1d
 
+import fdd
+from fdd import InputError, Scenario, Unit, read_log, simulate
 from fdd.diagnosis.baseline import add_baseline
-from fdd.errors import InputError
 from fdd.identification.identify import identify_unit
 from fdd.identification.judgement import Judgement, judge
-from fdd.identification.log_scales import check_scales
+from fdd.identification.log_scales import StreamScales, check_scales
 from fdd.identification.signs import NEAR
-from fdd.plant.scenario import Scenario
-from fdd.plant.simulate import simulate
-from fdd.samples import Samples
+from fdd.samples import PRESSURES, Samples
 from fdd.sections import Provenance
-from fdd.unit import Unit
+from tests.refusal import refused as one_line
 
 PLAN = (("strokes", "constant"), ("steps", "spring"), ("flight", "gust"))
 MINIMAL = ("position", "pump_speed", "pressure_difference")
@@ -119,8 +118,7 @@ def test_a_throttled_load_is_no_turned_sign() -> None:
     own = add_baseline(identify_unit([log], unit).unit, [log])
     check_scales(log, own, "log")
     swapped = with_swapped_chambers(log).with_columns({"pressure_difference": -log["pressure_difference"]})
-    with pytest.raises(InputError, match="oil flows against"):
-        check_scales(swapped, own, "log")
+    assert "oil flows against" in one_line(lambda: check_scales(swapped, own, "log"))
 
 
 def test_a_retracting_single_rod_is_no_turned_sign() -> None:
@@ -146,5 +144,106 @@ def test_wander_beside_a_small_load_is_no_other_unit() -> None:
     seen = uniform_filter1d(log["pressure_1"] - log["pressure_2"], 51)
     assert 0.74 < np.polyfit(seen, 0.95 * drop, 1)[0] < 1.0 / NEAR
     check_scales(log, unit, "log")
-    with pytest.raises(InputError, match="psi"):
-        check_scales(log.with_columns({"pressure_difference": 14.5 * 0.95 * drop}), unit, "log")
+    in_psi = log.with_columns({"pressure_difference": 14.5 * 0.95 * drop})
+    assert "psi" in one_line(lambda: check_scales(in_psi, unit, "log"))
+
+
+DEMO = Path(fdd.__file__).parent / "demo"
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Samples:
+    """The shipped log before its leak begins at 16 s."""
+    samples = read_log(DEMO / "demo.mcap").samples
+    return samples.rows(0, int(np.searchsorted(samples.time, samples.time[0] + 15.5)))
+
+
+@pytest.fixture(scope="module")
+def unit() -> Unit:
+    return Unit.load(DEMO / "unit.yaml")
+
+
+def test_a_sound_log_passes_without_a_word(shipped: Samples, unit: Unit) -> None:
+    assert check_scales(shipped, unit, "log") == []
+
+
+@pytest.mark.parametrize(
+    ("channels", "factor", "hint"),
+    [
+        (PRESSURES, 0.0689476, "bar read as psi"),
+        (PRESSURES, 10.0, "bar read as MPa"),
+        (PRESSURES, 0.01, "bar read as kPa"),
+        (("pump_angle",), 180.0 / np.pi, "deg read as rad"),
+        (("pump_angle",), np.pi / 180.0, "rad read as deg"),
+        (("position",), 10.0, "mm read as cm"),
+        (("position",), 1e-3, "m read as mm"),
+        (("pump_speed",), 30.0 / np.pi, "rpm read as rad/s"),
+    ],
+)
+def test_another_unit_of_measure_is_refused_in_one_line(shipped, unit, channels, factor, hint) -> None:
+    line = one_line(lambda: check_scales(scaled(shipped, factor, *channels), unit, "log"))
+    assert line.startswith("log: ") and hint in line
+
+
+@pytest.mark.parametrize("channel", ["pressure_1", "pressure_2", "pressure_accumulator"])
+@pytest.mark.parametrize("factor, hint", [(0.1, "MPa read as bar"), (0.0689476, "bar read as psi")])
+def test_one_pressure_in_another_unit_is_refused_by_name(shipped, unit, channel, factor, hint) -> None:
+    """Without a measured difference, which would tell it: a reader makes it of what it reads."""
+    wrong = scaled(shipped, factor, channel)
+    made = {"pressure_difference": wrong["pressure_1"] - wrong["pressure_2"]}
+    line = one_line(lambda: check_scales(wrong.with_columns(made), unit, "log"))
+    assert f"channel {channel}" in line and hint in line
+
+
+def test_a_transducer_that_reads_high_is_no_other_unit(shipped: Samples, unit: Unit) -> None:
+    """Its gain is before the converter, whose counts stay as they are."""
+    step = unit.sensor("pressure_1").resolution
+    high = {"pressure_1": step * np.rint(1.02 * shipped["pressure_1"] / step)}
+    assert check_scales(shipped.with_columns(high), unit, "log") == []
+
+
+def test_rpm_are_no_centimetres(shipped: Samples, unit: Unit) -> None:
+    """Both make the travel per rad about a tenth; a map without a unit makes the pump's mistake alone."""
+    speed_alone = only(shipped, *(c for c in shipped.channels if c != "pump_angle"))
+    fast = scaled(speed_alone, 30.0 / np.pi, "pump_speed")
+    assert "looks like pump in rpm read as rad/s)" in one_line(lambda: check_scales(fast, unit, "log"))
+
+
+def test_milliseconds_read_as_seconds_are_refused(shipped: Samples, unit: Unit) -> None:
+    slow = Samples(1e3 * shipped.time, shipped.columns)
+    line = one_line(lambda: check_scales(slow, unit, "log"))
+    assert "channel time" in line and "ms read as s" in line
+
+
+def test_another_units_profile_is_told_in_a_note(shipped: Samples, unit: Unit) -> None:
+    """Displacement 10 % off, which a worn pump could be as well."""
+    other = unit.model_copy(deep=True)
+    other.pump.displacement *= 1.1
+    assert any("of another unit" in note for note in check_scales(shipped, other, "log"))
+
+
+def test_a_log_at_rest_tells_nothing(shipped: Samples, unit: Unit) -> None:
+    motion = [name for name in ("position", "pump_angle", "pump_speed") if name in shipped]
+    still = shipped.with_columns({name: np.full(len(shipped), shipped[name][0]) for name in motion})
+    assert check_scales(still, unit, "log") == []
+
+
+def parts(log: Samples) -> list[Samples]:
+    return [log.rows(a, a + 500) for a in range(0, len(log), 500)]
+
+
+def test_a_stream_is_held_against_its_profile_once_it_moved(shipped: Samples, unit: Unit) -> None:
+    still, sound, wrong = (StreamScales(unit, "axis A1", 10.0) for _ in range(3))
+    resting = shipped.with_columns({"position": np.zeros(len(shipped))})
+    for part in parts(resting):
+        assert still.push(part) == [] and not still.done, "at rest it tells nothing"
+    for part in parts(shipped):
+        assert sound.push(part) == []
+    assert sound.done
+    paused = StreamScales(unit, "axis A1", 10.0)
+    *early, late = parts(shipped)[:18]
+    for part in (*early, Samples(late.time + 3600.0, late.columns)):
+        assert paused.push(part) == [] and not paused.done, "neither side of a pause is long enough"
+    with pytest.raises(InputError, match=r"axis A1: .*bar read as psi"):
+        for part in parts(scaled(shipped, 0.0689476, *PRESSURES)):
+            assert wrong.push(part) == [] and part.time[-1] < 10.0

@@ -197,7 +197,7 @@ def swapped(path: Path, old: str, new: tuple[str, str, str]) -> None:
         ("sklearn.datasets._base", "clear_data_home", "ListNode"),  # which calls it
         ("fdd.learning.classifier", "FaultClassifier", "ListNode"),  # a class may be loaded, but not called
         ("sklearn.datasets._base", "Path", "ObjectNode"),  # found there, but not scikit-learn's
-        ("fdd.learning.opinion", "Pipeline", "ObjectNode"),
+        ("fdd.learning.stored", "Pipeline", "ObjectNode"),
     ],
 )
 def test_nothing_that_acts_is_loaded(wanted, tmp_path):

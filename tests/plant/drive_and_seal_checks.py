@@ -1,7 +1,5 @@
 """Severity 1 of seals, oil, motor, drive and coupling by the catalogue's words, measured from runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from fault_case import Array, Case, checked, lost, over_time
@@ -30,10 +28,7 @@ Pair = tuple[float, float]
 
 
 def friction_changes(case: Case, forward: Pair, reverse: Pair, viscous: float, thicker: float = 1.0) -> None:
-    """Each direction's level at speed and what rest has beyond it, and the viscous part, over the healthy.
-
-    At two speeds of steady sliding, against eq. 5.9 with the unit's own curve and this run's draw.
-    """
+    """At two speeds each direction's level, what rest has beyond it and the viscous part, against eq. 5.9."""
     for speed, (sign, (level, rest)) in (
         (n, s) for n in (200.0, 80.0) for s in ((1.0, forward), (-1.0, reverse))
     ):
@@ -77,10 +72,7 @@ def seal_wear(case: Case) -> None:
 
 
 def worn_in_the_middle(case: Case, full: float, direction: str) -> None:
-    """Friction at mid-stroke is `full`, a quarter of the stroke away as ever.
-
-    Worn in one direction, half of it is there all along that direction, half at mid-stroke both ways.
-    """
+    """`full` at mid-stroke only; of one direction half of it all along that way, half at mid-stroke."""
     half = 0.5 * (1.0 + full)
     for sign, way in ((1.0, "forward"), (-1.0, "reverse")):
         truth, healthy = strokes(case, sign * 200.0, 2.15)
@@ -129,10 +121,7 @@ def turning(case: Case) -> tuple[Truth, Truth]:
 
 
 def shaft(case: Case, truth: Truth) -> Array:
-    """Torque per ampere, its swing with twice the electrical angle, and the brake, over the sound motor's.
-
-    By least squares from the balance J dω/dt = k·K·i - D·Δp - friction.
-    """
+    """Torque per ampere, its swing with twice the angle, and the brake, over the sound motor's, by lstsq."""
     drive, speed = case.unit.drive, truth["pump_speed"]
     slope = np.gradient(speed, truth.time)
     torque = drive.inertia * slope + case.unit.pump.displacement * truth["port_difference"]

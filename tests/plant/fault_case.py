@@ -1,7 +1,5 @@
 """A run with a fault and the healthy one beside it, of either axis, and what the checks measure of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import product
@@ -43,19 +41,14 @@ UNITS = {1: _drained("axis_a"), 2: _drained("axis_b")}
 
 
 def run(*faults: FaultSpec, axis: int = 1, unit: Unit | None = None, **changes: Any) -> Simulation:
-    """The axis's part of a run; axis 2 is the second of a dual rig, both driven alike.
-
-    A circuit goes to both axes, each with its own accumulator, or oil would go from one to the other.
-    """
+    """Axis 1 alone, or axis 2 of a dual rig whose axes are driven alike, each with its own accumulator."""
     given: dict[str, Any] = {"duration": 5.0, "duty": Steps(amplitude=0.04, hold=0.8), "seed": 5}
     given |= {"load": ConstantLoad(level=600.0 * axis), "faults": list(faults)}
     given |= {"oil_temperature": UNITS[1].oil.reference_temperature, **changes}
     if axis == 1:
         return simulate(unit or UNITS[1], Scenario(**given))
     given |= {"partner": {"circuit": given["circuit"]} if "circuit" in given else {}, "accumulator": "each"}
-    out = simulate(UNITS[1], Scenario(**given), partner=unit or UNITS[2]).partner
-    assert out is not None
-    return out
+    return simulate(UNITS[1], Scenario(**given), partner=unit or UNITS[2]).partner
 
 
 _SOUND: dict[str, Simulation] = {}

@@ -1,28 +1,13 @@
-"""What severity 1 of leaks, air, valves and sensors is, by the catalogue's words, measured from runs.
+"""Severity 1 of leaks, air, valves and sensors by the words of the catalogue, not of the code, from runs.
 
-Each check takes a `Case` of either axis and of any of the fault's laws. Figures are those of the catalogue,
-not taken from the code. How wrong a sensor is, `test_sensor_faults` compares with closed forms.
+How wrong a sensor is, `test_sensor_faults` compares with closed forms.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
 import pytest
-from fault_case import (
-    CHECKS,
-    ONSET,
-    Array,
-    Case,
-    checked,
-    held,
-    keeps_its_oil,
-    lost,
-    over_time,
-    port_pressure,
-    run,
-)
+from fault_case import CHECKS, ONSET, Case, checked, held, keeps_its_oil, lost, over_time, port_pressure, run
 
 from fdd.plant.details import Details
 from fdd.plant.duty import Levels, Sines, Strokes
@@ -32,7 +17,7 @@ from fdd.plant.oil import viscosity_ratio
 from fdd.plant.scenario import Recording
 
 
-def by_laws(pressure: Array) -> Array:
+def by_laws(pressure: np.ndarray) -> np.ndarray:
     """Flow of a leak that passes 1 m³/s at 1 MPa: laminar, through a hole, through a gap that it opens."""
     share = pressure / 1e6
     return np.column_stack([share, np.sign(share) * np.sqrt(np.abs(share)), share * np.abs(share)])

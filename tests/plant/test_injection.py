@@ -1,7 +1,5 @@
 """What each fault writes into the conditions: from its onset on, with its severity, on its axis."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -54,7 +52,6 @@ def test_a_fault_begins_at_its_onset_and_goes_with_its_severity(choice) -> None:
 @pytest.mark.parametrize("fault", ["internal_leakage", "external_leakage"])
 @pytest.mark.parametrize("machine", [None, 1, 2, 3])
 def test_a_leak_passes_the_same_flow_at_the_leakage_pressure_by_whatever_law(fault, machine) -> None:
-    """Of axis A and of machines of other sizes."""
     other = machine and Scale(sized_unit(Size(), np.random.default_rng(machine)))
     scales = other.fault_scales({}) if other else {}
     pressure = FaultScales(**scales).leakage_pressure

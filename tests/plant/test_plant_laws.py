@@ -1,4 +1,4 @@
-"""The oil, and laws of other machines: each against its own definition."""
+"""Laws of the oil, of forces on the rod and of valves: each against its own definition."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from fdd.errors import InputError
+from fdd import Scenario, Unit
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.details import Details
@@ -16,28 +16,23 @@ from fdd.plant.equations import drive_rates, friction_rates
 from fdd.plant.integrator import MEMORIES, protect
 from fdd.plant.laws import oil_at
 from fdd.plant.load import ConstantLoad, NoLoad
-from fdd.plant.oil import (
-    ATMOSPHERE,
-    air_compliance,
-    bulk_modulus,
-    stiff_bulk_modulus,
-    viscosity,
-    viscosity_ratio,
-)
+from fdd.plant.oil import air_compliance, bulk_modulus, stiff_bulk_modulus, viscosity, viscosity_ratio
 from fdd.plant.parameters import plant_parameters
 from fdd.plant.prepare import prepare
-from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import raw_blocks, simulate
 from fdd.plant.truth import Truth
-from fdd.unit import Unit
+from tests.refusal import refused
 
 UNIT = Unit.load("axis_a")
 OIL = UNIT.oil
+SPEED = {"mode": "speed"}
+STILL = {"name": "standstill"}
+TO_AN_END = {"name": "constant_speed", "speeds": [105.0], "amplitude": 0.12, "dwell": 0.0, "lead_in": 0.1}
 
 
-def _truth(details: dict[str, Any], unit: Unit = UNIT, **scenario: Any) -> Truth:
-    return simulate(unit, Scenario(recording=Recording.perfect(), details=details, **scenario)).truth
+def _truth(unit: Unit = UNIT, **scenario: Any) -> Truth:
+    return simulate(unit, Scenario(recording=Recording.perfect(), **scenario)).truth
 
 
 def _steady_friction(law: str, v: float, pressure: float = 0.0, **details: float) -> float:
@@ -72,8 +67,8 @@ def test_pressure_presses_the_seals_on_by_its_share_of_the_area():
 def test_a_slow_refeeding_valve_lets_oil_back_until_it_has_closed():
     """At each reversal; one that is quick has closed before the pressure turns."""
     duty = {"name": "prbs", "bit": 0.2, "speed": 120.0, "lead_in": 0.1}
-    run = {"duration": 4.0, "duty": duty, "control": {"mode": "speed"}, "load": {"name": "throttle"}}
-    truths = (_truth({"check_lag": lag}, **run, seed=3) for lag in (1e-3, 0.01))
+    run = {"duration": 4.0, "duty": duty, "control": SPEED, "load": {"name": "throttle"}}
+    truths = (_truth(details={"check_lag": lag}, **run, seed=3) for lag in (1e-3, 0.01))
     quick, slow = (sum(np.maximum(-t[f"refeed_flow_{k}"], 0.0).mean() for k in (1, 2)) for t in truths)
     assert slow > 1e-8
     assert quick < 0.1 * slow
@@ -86,7 +81,8 @@ def test_unequal_areas_move_freely_with_piloted_valves_only():
     unit = UNIT.model_copy(update={"cylinder": cylinder, "accumulator": store})
     duty = {"name": "strokes", "amplitude": 0.08, "rate": 0.03, "dwell": 0.3}
     run = {"duration": 20.0, "duty": duty, "load": ConstantLoad(level=600.0), "seed": 1}
-    plain, piloted = _truth({}, unit, **run), _truth({"pilot_ratio": 3.0, "check_lag": 0.005}, unit, **run)
+    plain = _truth(unit, **run)
+    piloted = _truth(unit, details={"pilot_ratio": 3.0, "check_lag": 0.005}, **run)
     assert np.ptp(piloted["position"]) > 0.15
     setting = unit.accumulator.relief_pressure
     assert piloted["pressure_1"].max() < 0.4 * setting
@@ -109,7 +105,7 @@ def test_dissolving_air_leaves_a_pressed_chamber_in_its_own_time_by_henrys_line(
     # What a rod load has pressed since before the log began is settled; then the load goes.
     raw = next(iter(raw_blocks(prepare(unit, Scenario(**held, details=law)), block=12_000)))
     assert raw.states[0, s.SHARED + s.FREE_1] == pytest.approx(0.008, rel=1e-6)
-    truth = _truth(law, unit, **held, load=ConstantLoad(level=2000.0))
+    truth = _truth(unit, details=law, **held, load=ConstantLoad(level=2000.0))
     pressure, all_of_it = truth["pressure_1"][-1], 0.008 / (1.0 - 0.9 * 4.82e5 / 2e6)
     softer = 1.0 / truth["bulk_modulus_1"] - 1.0 / stiff_bulk_modulus(oil)
     air = softer / air_compliance(truth["pressure_1"], 1.4)
@@ -126,7 +122,7 @@ def test_oil_swells_into_the_accumulator_by_its_expansion():
     unit = UNIT.model_copy(update={"accumulator": store, "pump": drained})
     rest = {"duty": {"name": "standstill"}, "duration": 61.0, "oil_temperature": 20.0, "warming": 0.5}
     details = {"heat_capacity": 1e8, "cooling": 0.0, "gas_warming": 0.0}
-    truth = _truth(details, unit, **rest)
+    truth = _truth(unit, details=details, **rest)
     at = int(np.argmin(np.abs(truth["oil_temperature"] - 50.0)))
     oil = unit.cylinder.volume_1 + unit.cylinder.volume_2 + 1e-4
     risen, stored = (truth[name][at] - truth[name][0] for name in ("pressure_accumulator", "oil_stored"))
@@ -140,7 +136,7 @@ def test_an_external_leak_empties_the_accumulator_at_its_time_and_then_the_low_s
     """Its flow by its own law; after that nothing feeds the low side, whose air comes out of solution."""
     leak = 2e-11
     circuit = {"external_leakage": 1.0, "external_leakage_coefficient": leak}
-    truth = _truth({}, duty={"name": "sines", "amplitude": 0.05}, duration=40.0, circuit=circuit)
+    truth = _truth(duty={"name": "sines", "amplitude": 0.05}, duration=40.0, circuit=circuit)
     empty = int(np.argmax(truth["oil_stored"] < 0.0))
     assert 5000 < empty < 30_000
     # What has leaked by then is what was held, and what the chambers' oil gave as their pressure fell.
@@ -164,7 +160,7 @@ def test_the_gas_is_adiabatic_when_quick_and_isothermal_when_slow():
     details = {"pilot_ratio": 3.0, "check_lag": 0.005, "dissolving_time": 600.0}
     duty = {"name": "sines", "amplitude": 0.05, "low_hz": 0.3, "high_hz": 0.5}
     for gas_time, index in ((1e4, 1.4), (0.1, 1.0)):
-        truth = _truth({**details, "gas_time": gas_time}, unit, duty=duty, duration=20.0, seed=3)
+        truth = _truth(unit, details={**details, "gas_time": gas_time}, duty=duty, duration=20.0, seed=3)
         absolute = truth["pressure_accumulator"] + 101_325.0
         volume = unit.accumulator.gas_volume + unit.accumulator.oil_at_rest - truth["oil_stored"]
         slope = -np.polyfit(np.log(volume), np.log(absolute), 1)[0]
@@ -219,7 +215,7 @@ def test_the_compiled_oil_is_the_bulk_modulus_law_and_its_integral(pressure, air
     par = plant_parameters(UNIT.model_copy(update={"oil": oil}), Details(), NoLoad(), ambient=ambient)
     compliance, density, gas, _ = oil_at(pressure, air, 0.0, 0.0, par)
     assert 1.0 / compliance == pytest.approx(float(bulk_modulus(oil, pressure, air, ambient)), rel=1e-10)
-    start = ATMOSPHERE - ambient  # gauge pressure at which the air is counted
+    start = 101_325.0 - ambient  # gauge pressure at which the air is counted
     stiff = 1.0 / stiff_bulk_modulus(oil)
     dilation, _ = quad(
         lambda p: 1.0 / float(bulk_modulus(oil, p, air, ambient)), start, pressure, epsrel=1e-10
@@ -239,5 +235,101 @@ def test_the_compiled_oil_is_the_bulk_modulus_law_and_its_integral(pressure, air
 
 
 def test_air_softer_than_the_bulk_modulus_given_is_refused():
-    with pytest.raises(InputError, match="air_fraction"):
-        stiff_bulk_modulus(OIL.model_copy(update={"air_fraction": 0.05}))
+    airy = OIL.model_copy(update={"air_fraction": 0.05})
+    assert "air_fraction" in refused(lambda: stiff_bulk_modulus(airy))
+
+
+def test_a_stuck_piston_yields_as_a_spring_and_comes_back():
+    """Below static friction the seal's bristles carry: σ0 over small deflections, and nothing slides."""
+    details = {"bristle_stiffness": 1e6, "pump_ripple": 0.0}
+    load = {"name": "gust", "deviation": 30.0, "bandwidth_hz": 2.0}
+    truth = _truth(duration=4.0, duty=STILL, control=SPEED, load=load, details=details)
+    x, force = truth["position"], truth["friction_force"]
+    assert 20.0 < np.ptp(force) < 300.0
+    assert np.ptp(x) < 3e-4
+    assert np.polyfit(x, force, 1)[0] == pytest.approx(1e6, rel=0.15)
+
+
+def test_the_current_carries_pump_torque_and_friction():
+    """Torque constant times current is D·Δp, what gears rub, viscous and dry friction, at steady speed."""
+    details = {"pump_ripple": 0.0, "pump_coulomb_torque": 0.05, "cogging_torque": 0.0, "pump_friction": 0.06}
+    truth = _truth(duration=2.6, duty=TO_AN_END, control=SPEED, load={"name": "throttle"}, details=details)
+    torque = 1.06 * UNIT.pump.displacement * truth["port_difference"][-200]
+    sheared = 2e4 * UNIT.oil.density * UNIT.oil.viscosity_40 * UNIT.pump.displacement
+    torque += (UNIT.drive.viscous_friction + sheared) * 105.0 + 0.05
+    assert UNIT.drive.torque_constant * truth["motor_current"][-200] == pytest.approx(torque, rel=2e-3)
+
+
+def _into_the_stop(**details: Any) -> Truth:
+    """A weight pulls the rod out over an open by-pass."""
+    weight, opened = {"name": "constant", "level": -3000.0}, {"bypass": 1.0}
+    duty = {**STILL, "offset": 0.05}
+    return _truth(duration=1.5, duty=duty, control=SPEED, load=weight, circuit=opened, details=details)
+
+
+def test_end_stops_hold_the_piston():
+    truth = _into_the_stop()
+    beyond = truth["position"] - 0.5 * UNIT.cylinder.stroke
+    assert truth["stop_force"][-1] > 2000.0
+    assert beyond[-1] == pytest.approx(truth["stop_force"][-1] / 2e7, rel=1e-3)
+    assert beyond.max() < 1e-3
+
+
+def test_cushions_slow_the_piston_before_the_stop():
+    """Over the last 12 mm a cushion takes c·v²: the impact is weaker, and the way up to there is the same."""
+    with_, without = _into_the_stop(), _into_the_stop(cushion_damping=0.0)
+    half = 0.5 * UNIT.cylinder.stroke
+    for position, least, most in ((half - 0.013, 1.0 - 1e-6, 1.0 + 1e-6), (half, 0.2, 0.6)):
+        assert least < _before(with_, position) / _before(without, position) < most
+
+
+def _before(truth: Truth, position: float) -> float:
+    """Velocity in the last millisecond before the piston first gets there."""
+    return float(truth["velocity"][np.flatnonzero(truth["position"] >= position)[0] - 1])
+
+
+def _throttled(unit: Unit, pressure: float) -> list[float]:
+    """Pressure drop, flow lost, refed and the low side's pressure over the accumulator's, at steady speed."""
+    # The long stroke back, to its end: the pressure needs seconds to settle.
+    details = {"pump_ripple": 0.0, "line_loss": 0.0, "heat_capacity": 1e7, "cushion_damping": 0.0}
+    run = {"duration": 9.0, "duty": TO_AN_END, "control": SPEED, "details": details, "charge_factor": 3.0}
+    truth = _truth(unit, load={"name": "throttle", "pressure": pressure}, **run)
+    lost = truth["pump_flow"] - unit.cylinder.area_1 * truth["velocity"]
+    refed = 0.5 * (truth["refeed_flow_2"] - truth["refeed_flow_1"])
+    low = np.minimum(truth["pressure_1"], truth["pressure_2"]) - truth["pressure_accumulator"]
+    return [float(np.mean(v[8200:9000])) for v in (truth["pressure_difference"], lost, refed, low)]
+
+
+def test_modes_of_section_3_2_1_arise_by_themselves():
+    """Loss of the driven chamber over pressure: half of C_ep in mode 1, whose mean stays, all in mode 2,
+    whose low side is held. (The thesis takes C_ep as 0 there, eq. 3.63: oil comes back through the case.)"""
+    leaky = UNIT.pump.model_copy(update={"case_leakage": 8e-12, "cross_port_leakage": 3e-12})
+    unit = UNIT.model_copy(update={"pump": leaky})
+    stiff = unit.accumulator.model_copy(update={"refeed_cracking_pressure": 2e6})
+    kept = unit.model_copy(update={"accumulator": stiff})
+    pressures = (0.5e6, 1e6, 2e6, 4e6)
+    rising, held = (np.array([_throttled(machine, p) for p in pressures]).T for machine in (kept, unit))
+    slopes = [np.polyfit(drop, lost, 1)[0] for drop, lost, _, _ in (rising, held)]
+    assert np.abs(rising[2]).max() < 1e-12
+    assert rising[3].max() < -1e5 and np.ptp(rising[3]) > 5e5
+    assert np.abs(held[2]).min() > 1e-7 and np.ptp(held[3]) < 2e3
+    xi, case = leaky.cross_port_leakage, leaky.case_leakage
+    # Against the ports' mean density, most.
+    compressed = leaky.displacement * 105.0 / (2.0 * UNIT.oil.bulk_modulus)
+    assert slopes[0] == pytest.approx(xi + 0.5 * case, rel=0.03)
+    assert xi + case < slopes[1] < xi + case + 1.2 * compressed
+
+
+def test_charging_refills_the_accumulator_up_to_its_setting():
+    """With the drain shut again the charging pump brings the pressure to the relief setting, and holds it."""
+    circuit = {"external_leakage": "0:1/4:1/4.001:0", "external_leakage_coefficient": 2e-11}
+    circuit |= {"charging": "0:0/6:0/6.001:0.05", "charging_pressure": 6e5}
+    truth = _truth(duration=80.0, circuit=circuit, duty=STILL, load={"name": "constant", "level": 1200.0})
+    pressure = truth["pressure_accumulator"]
+    assert pressure[5900] < 0.8 * UNIT.accumulator.charge_pressure
+    assert pressure[-1] == pytest.approx(6e5, rel=2e-3)
+    assert pressure.max() < 6e5 + 100.0  # the loaded chamber's case leakage still comes in
+    rising = (truth.time > 6.2) & (pressure < 5e5)
+    # Full flow, a twentieth of 2.83e-7·314.16 m³/s, until the relief valve's last 20 kPa.
+    charged = -np.gradient(truth["oil_lost"], truth.time)[rising]
+    assert np.median(charged) == pytest.approx(0.05 * 2.83e-7 * 314.16, rel=0.02)

@@ -4,17 +4,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from fdd import Unit, simulate
 from fdd.plant import state as s
 from fdd.plant.equations import right_hand_side
 from fdd.plant.oil import bulk_modulus
 from fdd.plant.prepare import Prepared, prepare
 from fdd.plant.scenario import Control, Scenario
-from fdd.plant.simulate import simulate
-from fdd.unit import Unit
 
-Array = NDArray[np.float64]
 ABOVE = 60e3
 """Pa above the accumulator, so that case leakage drains and no check valve refeeds."""
 PLAIN = {"pump_ripple": 0.0, "air_law": "free"}
@@ -50,18 +47,18 @@ class AtRest:
             for state in (s.STORE, s.GAS, s.FREE_1, s.FREE_2, s.TEMPERATURE):
                 self.y[own(state, axis)] = ready.state[own(state, axis)]
 
-    def rates(self, y: Array, command: float = 0.0) -> Array:
+    def rates(self, y: np.ndarray, command: float = 0.0) -> np.ndarray:
         dy, found = np.empty(y.size), np.empty(len(self.parameters) * s.FINDINGS)
         right_hand_side(y, command, command, self.rows, self.parameters[0], self.parameters[-1], dy, found)
         return dy
 
-    def slope(self, of: list[int], by: int) -> Array:
+    def slope(self, of: list[int], by: int) -> np.ndarray:
         step = NUDGE[by] if by < s.SHARED else AXIS_NUDGE[(by - s.SHARED) % s.AXIS_STATES]
         nudge = np.zeros(self.y.size)
         nudge[by] = step
         return ((self.rates(self.y + nudge) - self.rates(self.y - nudge)) / (2.0 * step))[of]
 
-    def jacobian(self, states: list[int]) -> Array:
+    def jacobian(self, states: list[int]) -> np.ndarray:
         return np.column_stack([self.slope(states, by) for by in states])
 
 
@@ -74,7 +71,6 @@ def _stiffness(unit: Unit) -> float:
 @pytest.mark.parametrize("name", ["axis_a", "axis_b"])
 @pytest.mark.parametrize("viscous", [0.0, 760.0])
 def test_linearised_it_is_equation_5_22(name, viscous):
-    """With viscous friction alone the Jacobian has eq. 5.22's poles and gain."""
     unit = Unit.load(name)
     rest = AtRest(prepare(unit, Scenario(duration=0.01, details=PLAIN)), viscous, ABOVE)
     hydraulic = [s.V, own(s.P1), own(s.P2)]

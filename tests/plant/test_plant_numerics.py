@@ -8,11 +8,10 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from fdd import Scenario, Unit
 from fdd.plant import state as s
 from fdd.plant.details import Details
-from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import raw_blocks, simulate, stream
-from fdd.unit import Unit
 from reports.plant import wild as robustness
 from reports.plant.numerics import Case, integrate
 from reports.plant.wild import draw_wild, try_wild
@@ -22,45 +21,35 @@ THROTTLE, SPRING, BY_SPEED = {"name": "throttle"}, {"name": "spring"}, {"mode": 
 CASES: dict[str, dict[str, Any]] = {
     "steps, constant load": {"duty": {"name": "steps", "hold": 1.0}, "load": {"name": "constant"}},
     "sines, spring, leakage": {
-        "duty": {"name": "sines"},
-        "load": SPRING,
+        "duty": {"name": "sines"}, "load": SPRING,
         "faults": [{"fault": "internal_leakage", "severity": 0.6, "onset": 0.02}],
     },
     "sawtooth, throttle, loose seal": {
-        "duty": {"name": "sawtooth"},
-        "load": THROTTLE,
+        "duty": {"name": "sawtooth"}, "load": THROTTLE,
         "faults": [{"fault": "seal_wear", "severity": 1.0, "variant": "loose"}],
     },
     "flight, gust, aeration": {
-        "duty": {"name": "flight", "lead_in": 0.1},
-        "load": {"name": "gust"},
+        "duty": {"name": "flight", "lead_in": 0.1}, "load": {"name": "gust"},
         "faults": [{"fault": "aeration", "severity": 1.0, "onset": 0.02, "profile": "ramp"}],
     },
     "prbs, stiffest bristles": {
-        "duty": {"name": "prbs", "amplitude": 0.01, "lead_in": 0.1},
-        "load": SPRING,
+        "duty": {"name": "prbs", "amplitude": 0.01, "lead_in": 0.1}, "load": SPRING,
         "details": Details(bristle_stiffness=Details.usual["bristle_stiffness"][1]),
     },
     "prbs of speed, coupling and check valve": {
-        "duty": {"name": "prbs", "speed": 60.0, "lead_in": 0.1},
-        "control": BY_SPEED,
-        "load": THROTTLE,
+        "duty": {"name": "prbs", "speed": 60.0, "lead_in": 0.1}, "control": BY_SPEED, "load": THROTTLE,
         "faults": [
-            {"fault": "coupling_wear", "severity": 1.0},
-            {"fault": "check_valve_stuck_open", "severity": 0.7},
+            {"fault": "coupling_wear", "severity": 1.0}, {"fault": "check_valve_stuck_open", "severity": 0.7},
         ],
     },
     "two axes, sines, connected": {
-        "duty": {"name": "sines"},
-        "load": SPRING,
-        "partner": {},
-        "connect": {"line_1": 0.1, "line_2": 0.1},
+        "duty": {"name": "sines"}, "load": SPRING, "partner": {}, "connect": {"line_1": 0.1, "line_2": 0.1},
     },
     "two axes, one throttled": {
         "duty": {"name": "steps", "hold": 1.0},
         "partner": {"drive": "still", "circuit": {"blocked": True, "throttle": 0.3}},
     },
-}
+}  # fmt: skip
 
 
 def differences(case: Case, one: np.ndarray, other: np.ndarray) -> dict[str, float]:
@@ -116,27 +105,22 @@ def test_radau_agrees_within_a_tenth_of_the_sensors(name):
 LENGTH = 900
 RUNS: dict[str, dict[str, Any]] = {
     "one axis": {
-        "duty": {"name": "steps", "hold": 0.2},
-        "load": {"name": "gust"},
-        "friction_wander": 0.04,
+        "duty": {"name": "steps", "hold": 0.2}, "load": {"name": "gust"}, "friction_wander": 0.04,
         "faults": [
             {"fault": "coupling_wear", "severity": 1.0, "onset": 0.2},
             {"fault": "pressure_sensor_drift", "severity": 1.0, "onset": 0.1},
         ],
     },
     "shuttle with rate feedback": {
-        "duty": {"name": "constant_speed", "amplitude": 0.005, "dwell": 0.05},
-        "control": {"mode": "speed"},
+        "duty": {"name": "constant_speed", "amplitude": 0.005, "dwell": 0.05}, "control": BY_SPEED,
     },
     "rate feedback": {"control": {"rate_gain": 500.0}, "duty": {"name": "sines", "lead_in": 0.0}},
     "dual": {
-        "duty": {"name": "prbs", "amplitude": 0.02, "bit": 0.1},
-        "load": {"name": "spring"},
-        "partner": {"circuit": {"throttle": "0:0/0.5:0.2"}},
-        "connect": {"line_1": "0:0/0.7:1"},
+        "duty": {"name": "prbs", "amplitude": 0.02, "bit": 0.1}, "load": {"name": "spring"},
+        "partner": {"circuit": {"throttle": "0:0/0.5:0.2"}}, "connect": {"line_1": "0:0/0.7:1"},
         "faults": [{"fault": "aeration", "severity": 0.5, "onset": 0.3, "axis": 2, "profile": "ramp"}],
     },
-}
+}  # fmt: skip
 
 
 def _rig(case: str) -> dict[str, Any]:
@@ -153,7 +137,6 @@ def whole() -> dict[str, Any]:
 @given(block=st.integers(1, LENGTH + 50))
 @pytest.mark.parametrize("case", RUNS)
 def test_streamed_it_is_the_same_bits(whole, case, block):
-    """Samples and truth of every axis, for any block length."""
     parts = list(stream(**_rig(case), block=max(block, 25)))
     reference = whole[case]
     for axis, expected in enumerate(filter(None, (reference, reference.partner))):
@@ -165,6 +148,7 @@ def test_streamed_it_is_the_same_bits(whole, case, block):
                 np.testing.assert_array_equal(streamed, values, err_msg=name)
 
 
+@pytest.mark.slow
 @settings(max_examples=12, phases=[Phase.generate])  # a smaller number is no simpler scenario
 @given(seed=st.integers(0, 10**6))
 def test_wild_runs_stay_within_physics(seed):
@@ -180,7 +164,6 @@ def test_wild_runs_that_once_failed(seed):
 
 
 def test_the_check_sees_what_is_wrong():
-    """A negative pressure, a piston outside and a runaway motor are each told."""
     wild = draw_wild(5)
     ready = wild.prepared()
     raw = next(iter(raw_blocks(ready, block=wild.scenario.rows)))

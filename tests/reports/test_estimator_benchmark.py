@@ -1,5 +1,8 @@
 """``python -m reports estimators``: worlds and bound against plain NumPy, verdicts that follow figures."""
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,20 +12,10 @@ from estimators.eha import layout
 from estimators.eha import model as eha
 from fdd.residuals.tracking import METHODS, Channels, Tracking
 from fdd.unit import Unit
-from reports.estimators.cases import CASES, FORCE_PERIOD, QUANTITIES, SETTLING, Case, Trajectory, assumed
+from reports.estimators import runs
+from reports.estimators.cases import ALL, CASES, FORCE_PERIOD, QUANTITIES, SETTLING, Case, Trajectory, assumed
 from reports.estimators.matched import CLEARANCE, LOWEST, draw, eha_bound, matched_unit
 from reports.estimators.report import accuracy, coverage, draw_pictures, goals, report_text
-from reports.estimators.runs import (
-    CHECKS,
-    GRID,
-    Measured,
-    Plan,
-    evaluate,
-    filterpy_ekf,
-    measure,
-    measure_speed,
-    prepare,
-)  # fmt: skip
 
 SINES, STROKES = Case("sines", "spring"), Case("strokes", "constant")
 
@@ -42,8 +35,7 @@ def drawn(axis):
 
 @pytest.mark.slow
 def test_the_matched_world_obeys_the_model_with_its_noise(axis, drawn):
-    """What is left of each step after the noise on velocity and speed is white flow noise of the right
-    size."""
+    """What the noise on velocity and speed leaves of each step is white flow noise of the right size."""
     model, prior = axis
     truth, _ = drawn
     x = truth.states
@@ -83,7 +75,7 @@ def test_its_parameters_walk_and_its_sensors_err_as_the_filter_assumes(axis, dra
 @pytest.mark.slow
 def test_in_the_matched_world_the_filter_is_consistent():
     """NEES of four parameters over twelve short runs; bounds are 99.9 % ones."""
-    found = [evaluate(prepare("matched", SINES, (7, s), 6.0)) for s in range(12)]
+    found = [runs.evaluate(runs.prepare("matched", SINES, (7, s), 6.0)) for s in range(12)]
     errors, consistency = (
         pd.concat(frames[kind] for frames in found).query("method == 'ekf'")
         for kind in ("errors", "consistency")
@@ -97,7 +89,7 @@ def test_in_the_matched_world_the_filter_is_consistent():
 @pytest.mark.slow
 def test_the_plants_truth_becomes_states():
     """Pressures and flows of the plant's truth, in the model's words, obey the model's volume balance."""
-    data = prepare("plant", SINES, (1, 2), 3.0)
+    data = runs.prepare("plant", SINES, (1, 2), 3.0)
     x, model = data.truth.states, data.tracking.model
     pump = model.displacement * (1.0 + x[0, eha.GAIN])
     drop = x[:, eha.P1] - x[:, eha.P2]
@@ -116,8 +108,8 @@ def test_the_plants_truth_becomes_states():
 
 @pytest.mark.slow
 def test_filterpys_filter_follows_the_same_run():
-    data, rows = prepare("matched", CASES[0], (4, 4), 1.0), np.array([300, 500])
-    states, variances = filterpy_ekf(data.tracking.model, data.prior, data.block, rows)
+    data, rows = runs.prepare("matched", CASES[0], (4, 4), 1.0), np.array([300, 500])
+    states, variances = runs.filterpy_ekf(data.tracking.model, data.prior, data.block, rows)
     error = states - data.truth.states[rows]
     assert np.abs(error[:, eha.X]).max() < 3e-3 and np.abs(error[:, eha.P1]).max() < 0.02
     assert (variances[:, eha.LEAK] < data.prior.spread[eha.LEAK] ** 2 * 1.01).all()
@@ -179,20 +171,20 @@ NAME = "steps, none, all"
 TRUTH = np.array([6e-12, 2e8, 150.0, 60.0])
 
 
-def many(error=1.0, nees=4.0, halves=np.linspace(0.1, 2.1, 21)) -> Measured:
+def many(error=1.0, nees=4.0, halves=np.linspace(0.1, 2.1, 21)) -> runs.Measured:
     """Runs with errors of `error` times a bound of 2 % (4 N·s/m)."""
-    rng, runs = np.random.default_rng(1), 200
-    at = pd.MultiIndex.from_product([range(runs), METHODS, QUANTITIES, range(CHECKS)])
+    rng, count = np.random.default_rng(1), 200
+    at = pd.MultiIndex.from_product([range(count), METHODS, QUANTITIES, range(runs.CHECKS)])
     errors = at.to_frame(index=False, name=["run", "method", "quantity", "check"])
     errors["truth"] = errors["quantity"].map(dict(zip(QUANTITIES, TRUTH, strict=True)))
     errors["bound"] = np.where(errors["quantity"] == QUANTITIES[3], 4.0, 0.02 * errors["truth"])
     errors["error"] = error * errors["bound"] * rng.standard_normal(len(errors))
     consistency = pd.DataFrame([
         {"run": run, "method": m, "nees": nees, **dict.fromkeys(QUANTITIES, 0.0)}
-        for run in range(runs) for m in METHODS
+        for run in range(count) for m in METHODS
     ])  # fmt: skip
     steps = pd.DataFrame([
-        {"run": run, "method": m, "half": t, "response": np.zeros(GRID.size), "case": "leakage"}
+        {"run": run, "method": m, "half": t, "response": np.zeros(runs.GRID.size), "case": "leakage"}
         for run, t in enumerate(halves) for m in METHODS
     ])  # fmt: skip
     return {
@@ -214,16 +206,10 @@ def test_figures_are_those_of_the_draw():
     assert (c["nees"], c["lost"]) == (1.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("settings", "short"),
-    [
-        ({}, None),
-        ({"error": 1.8}, "bound"),
-        ({"nees": 12.0}, "NEES"),
-        ({"nees": np.nan}, "NEES"),
-        ({"halves": (0.5, 2.5)}, "change"),
-    ],
-)
+SHORT = [({}, None), ({"error": 1.8}, "bound"), ({"nees": 12.0}, "NEES"), ({"nees": np.nan}, "NEES")]
+
+
+@pytest.mark.parametrize(("settings", "short"), [*SHORT, ({"halves": (0.5, 2.5)}, "change")])
 def test_a_goal_is_short_where_its_figure_is(settings, short):
     for goal in goals(many(**settings), "plant"):
         assert goal.total > 0
@@ -236,30 +222,80 @@ def test_a_goal_is_short_where_its_figure_is(settings, short):
 
 @pytest.mark.slow
 def test_a_tiny_run_makes_the_whole_report(tmp_path):
-    plan = Plan(runs=2, duration=3.0, cases=(NAME,), stepped=("leakage",))
+    plan = runs.Plan(runs=2, duration=3.0, cases=(NAME,), stepped=("leakage",))
     told: list[float] = []
-    found = measure(plan, 1, told.append)
+    found = runs.measure(plan, 1, told.append)
     assert told[-1] == 1.0 and told == sorted(told)
     text = report_text(plan, found)
     for part in ("## Goals", "## Matched world", "## Plant world", "## A sudden change"):
         assert part in text
     assert text.count(f"| {NAME} |") == 4 and "## Speed" not in text
     draw_pictures(found, tmp_path)
-    assert {p.name: p.read_bytes()[:4] for p in tmp_path.iterdir()} == dict.fromkeys(
-        ("coverage.png", "steps.png"), b"\x89PNG"
-    )
-    again = measure(Plan(runs=2, duration=3.0, cases=(NAME,), stepped=()))
+    heads = {p.name: p.read_bytes()[:4] for p in tmp_path.iterdir()}
+    assert heads == dict.fromkeys(("coverage.png", "steps.png"), b"\x89PNG")
+    again = runs.measure(runs.Plan(runs=2, duration=3.0, cases=(NAME,), stepped=()))
     pd.testing.assert_frame_equal(again["errors"], found["errors"])
 
 
 @pytest.mark.slow
 def test_speed_is_measured_and_told_with_its_verdicts():
-    timed = measure_speed(2.0, repeats=1, peer_samples=200)
+    timed = runs.measure_speed(2.0, repeats=1, peer_samples=200)
     assert timed.loc["filterpy EKF", "median"] > 10.0 * timed.loc["EKF", "median"]
     timed["median"] = [1.5, 2.5, 60.0]
-    lines = report_text(Plan(), {"speed": timed}).splitlines()
+    lines = report_text(runs.Plan(), {"speed": timed}).splitlines()
     for said in (
         "- EKF within 2 µs a sample: **met**, 1.50 µs", "- SVSF within 2 µs a sample: **short**, 2.50 µs",
         "- 25 times filterpy's speed: **met**, 40.00 times",
     ):  # fmt: skip
         assert said in lines
+
+
+BALANCE = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "volume_balance.py"))
+Window, fit_balance = BALANCE["Window"], BALANCE["fit_balance"]
+
+
+def exact_window(model, leakage, air, gain, n=3000):
+    """Signals that keep both chambers' balances by fine sums of the differentials themselves."""
+    fine = 8
+    t = np.arange(n * fine) / fine * 1e-3
+    x = 30.0 * np.sin(2.0 * np.pi * 0.4 * t)
+    p1 = 1.2 + 0.4 * np.sin(2.0 * np.pi * 0.9 * t + 1.0) + 0.2 * np.sin(2.0 * np.pi * 3.1 * t)
+    v1 = model.volume_1 + model.area_1 * x
+    v2 = model.volume_2 - model.area_2 * x
+    exponent, atmosphere = model.polytropic_index, 0.101325
+    of_air = 1e-3 * air * atmosphere ** (1.0 / exponent)
+
+    def compliance(p):
+        return model.stiff_compliance + of_air / (exponent * (p + atmosphere) ** (1.0 + 1.0 / exponent))
+
+    def compressed(p):
+        """Integral of the compliance over pressure."""
+        return model.stiff_compliance * p - of_air * (p + atmosphere) ** (-1.0 / exponent)
+
+    # Chamber 1 says how far the pump turned, chamber 2's pressure follows from that.
+    h = 1.0 / fine
+    p2, angle, accumulator = np.empty_like(t), np.zeros_like(t), 0.2
+    p2[0] = 3.3
+    dx, dp1 = np.diff(x), np.diff(p1)
+    middle1, middle_v1 = 0.5 * (p1[1:] + p1[:-1]), 0.5 * (v1[1:] + v1[:-1])
+    stored1 = middle_v1 * compliance(middle1) * dp1
+    for k in range(t.size - 1):
+        drop = middle1[k] - p2[k]
+        across = model.cross_port_leakage * drop
+        leak1 = leakage * h * (across + model.case_leakage * (middle1[k] - accumulator))
+        leak2 = leakage * h * (-across + model.case_leakage * (p2[k] - accumulator))
+        denser = 0.5 * (compressed(middle1[k]) - compressed(p2[k]))
+        pumped = (model.area_1 * dx[k] + leak1 + stored1[k]) / (1.0 - denser)
+        angle[k + 1] = angle[k] + pumped / (model.displacement * (1.0 + gain))
+        inflow = model.area_2 * dx[k] - pumped * (1.0 + denser) - leak2
+        p2[k + 1] = p2[k] + inflow / (0.5 * (v2[k] + v2[k + 1]) * compliance(p2[k]))
+    at = slice(None, None, fine)
+    return Window(x[at], angle[at], p1[at], p2[at], np.full(n, accumulator))
+
+
+def test_least_squares_finds_exact_data():
+    model = Tracking(Unit.load("axis_a"), Channels(ALL), 1e-3).model
+    window = exact_window(model, 1.7, 5.0, 2e-3)
+    assert window.pressure_2.min() > 0.23
+    assert fit_balance(window, model) == pytest.approx((1.7, 5.0), rel=5e-3)
+    assert fit_balance(window, model, sealed=True) == pytest.approx((1.7, 5.0), rel=5e-3)

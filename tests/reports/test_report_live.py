@@ -1,6 +1,4 @@
-"""What ``python -m reports load`` and ``troubles`` measure and say."""
-
-from __future__ import annotations
+"""What ``python -m reports load``, ``troubles`` and ``plant`` measure and say."""
 
 from pathlib import Path
 
@@ -13,6 +11,10 @@ from reports.__main__ import app
 from reports.live import capacity
 from reports.live.capacity import Inside, Overload, Stage, inside, logs, messages, ramp, why_not
 from reports.live.report import report_text
+from reports.plant.numerics import WORK, RealTime, work_precision
+from reports.plant.report import Measured, Plan
+from reports.plant.report import report_text as plant_text
+from reports.plant.wild import Outcome as Wild
 from reports.troubles import TROUBLES, Outcome
 from reports.troubles import report_text as troubles_text
 
@@ -29,7 +31,7 @@ def stage(axes: int, **more: object) -> Stage:
         "cpu_us": 8.0, "busy": 8e-3 * axes, "lag": 0.5, "lag_99": 0.8, "looks": 100, "findings": 1,
         "finding_lag": 0.7, "dropped": 0, "behind": 0.2, "late": 0.01, "rss": (200 + 3 * axes) * MB,
     }  # fmt: skip
-    return Stage(axes, **{**given, **more})  # type: ignore[arg-type]
+    return Stage(axes, **{**given, **more})
 
 
 def test_messages_hold_the_whole_log(recorded: list[Samples]) -> None:
@@ -103,9 +105,35 @@ def test_a_loss_is_told_as_wrong() -> None:
     assert told in rows and "Left out: quota reached (needs root, to mount a small disk)." in rows
 
 
-def test_an_unknown_trouble_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unknown_trouble_is_refused_in_one_line(tmp_path, capsys):
     assert app(["troubles", "--only", "flood", "-o", str(tmp_path)], standalone_mode=False) == 2
     assert "no trouble 'flood'" in capsys.readouterr().err
     assert len({trouble.tried for trouble in TROUBLES}) == len(TROUBLES)
+
+
+@pytest.fixture(scope="module")
+def measured() -> Measured:
+    work, trust = work_precision(WORK, 0.06, 1)
+    return Measured(
+        Plan(), [RealTime("steps", 320.0, 1.5), RealTime("two axes", 100.0, 1.5)], work, trust,
+        [Wild(0, [], 1e4, -0.1, 2.0), Wild(7, ["NaN"])],
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_errors_fall_as_work_rises(measured):
+    ours = [point for point in measured.work if point.solver == "this plant"]
+    assert [point.evaluations for point in ours] == sorted(point.evaluations for point in ours)
+    assert ours[-1].pressure < ours[0].pressure
+    peers = {"SciPy RK45", "SciPy LSODA", "SciPy Radau"}
+    assert {point.solver for point in measured.work} == {"this plant", *peers}
+
+
+@pytest.mark.slow
+def test_the_report_on_the_plant_says_what_was_found(measured):
+    text = plant_text(measured)
+    for told in ("320", "steps, has 320: met", "seed 7: NaN", "refine 1", "SciPy Radau"):
+        assert told in text
+    slow = [RealTime("sines", 299.0, 1.5)]
+    missed = plant_text(Measured(measured.plan, slow, measured.work, measured.trust))
+    assert "299: missed" in missed and "Robustness" not in missed

@@ -1,24 +1,18 @@
 """The balances close on the plant: a healthy axis's coefficients are what its profile says."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from fdd import Pipeline, Samples, Unit, simulate
 from fdd.diagnosis.baseline import add_baseline, effects_of, history_of
-from fdd.diagnosis.pipeline import Pipeline
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.simulate import simulate
 from fdd.residuals.balances import BALANCES, LAG_S
 from fdd.residuals.bins import COLUMNS, FRAME_BINS, BinMaker
 from fdd.residuals.oil import stiff_compliance
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.samples import Samples
-from fdd.unit import Unit
 
 LOADS: tuple[dict[str, Any], ...] = (
     {"name": "spring"}, {"name": "constant"}, {"name": "constant", "level": -1000.0},
@@ -39,7 +33,7 @@ def unit(logs: list[Samples]) -> Unit:
     return add_baseline(Unit.load("axis_a"), logs)
 
 
-def coefficients(log: Samples, unit: Unit, balance: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def coefficients(log: Samples, unit: Unit, balance: str) -> tuple[np.ndarray, np.ndarray]:
     """By all frames of a log, and what any unit may be, (n,), and their covariance (n, n)."""
     history = history_of(log, unit, effects_of(unit))
     effects, (information, vector) = history.effects[balance], history.marginalised()[balance]
@@ -74,9 +68,7 @@ AGREEING = {"gain_1": 1.0, "gain_2": -1.0}
         *(("coherence", column, AGREEING.get(column, 0.0), 0.02) for column in BALANCES["coherence"].columns),
     ],
 )
-def test_a_coefficient_is_what_the_profile_says(
-    unit: Unit, balance: str, column: str, expected: float, within: float
-) -> None:
+def test_a_coefficient_is_what_the_profile_says(unit, balance, column, expected, within):
     found = effects_of(unit)[balance].mean[BALANCES[balance].columns.index(column)]
     assert found == pytest.approx(expected, abs=within)
 
@@ -199,9 +191,7 @@ def test_a_sound_valve_drops_by_its_spring_whatever_the_relief_setting(cracking:
 
 
 @pytest.mark.parametrize(("keeps", "found"), [(True, ["check_valve_stuck_open"]), (False, [])])
-def test_a_lower_chamber_that_keeps_its_oil_tells_of_its_valve(
-    unit: Unit, logs: list[Samples], keeps: bool, found: list[str]
-) -> None:
+def test_a_lower_chamber_that_keeps_its_oil_tells_of_its_valve(unit, logs, keeps, found):
     """Of a load that holds chamber 2 higher; not where a pilot may let the lower chamber's oil go."""
     mine = unit.model_copy(deep=True)
     mine.accumulator.refeed_pilots = not keeps
@@ -263,7 +253,6 @@ def test_a_drive_follows_its_command(unit: Unit) -> None:
 
 
 def test_a_drive_at_its_limit_is_not_asked(unit: Unit) -> None:
-    """Steps take it there again and again."""
     log = driven(load={"name": "spring"}, duty={"name": "steps"})
     q = quantities(log, unit)
     [block] = BALANCES["drive"].blocks(q)

@@ -1,23 +1,18 @@
 """Bins: one filter for all channels, whatever is missing and however a log was cut."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
+from fdd import Samples, Unit
 from fdd.residuals.bins import BIN_S, COLUMNS, FAST, FRAME_BINS, FRAME_S, PRESLIDING_TRAVEL_M, BinMaker
 from fdd.residuals.filters import LUBRICATION_LAG_S
-from fdd.samples import Samples
 from fdd.sensor import Sensor
-from fdd.unit import Unit
 
-Array = NDArray[np.float64]
 UNIT = Unit.load("axis_a")
 RATE_HZ = 1000
 SECONDS = 3.2
@@ -37,14 +32,14 @@ def moving(seconds: float = SECONDS, seed: int = 3) -> Samples:
     return Samples(time, columns)
 
 
-def bins_of(samples: Samples, cuts: list[int] | None = None, unit: Unit = UNIT) -> Array:
+def bins_of(samples: Samples, cuts: list[int] | None = None, unit: Unit = UNIT) -> np.ndarray:
     maker = BinMaker(unit)
     edges = itertools.pairwise([0, *sorted(cuts or []), len(samples)])
     parts = [maker.push(samples.rows(a, b))[1] for a, b in edges]
     return np.concatenate([*parts, maker.push(None)[1]])
 
 
-def column(bins: Array, name: str) -> Array:
+def column(bins: np.ndarray, name: str) -> np.ndarray:
     return bins[:, COLUMNS[name]]
 
 
@@ -174,11 +169,8 @@ def test_the_seal_is_a_stop_operator_whose_yield_is_the_stribeck_curve(cut: list
 
 @pytest.mark.parametrize("ringing", [0.0, 4e4])
 @pytest.mark.parametrize(("rate", "band_hz"), [(1000, None), (200, None), (1000, 150.0), (500, 150.0)])
-def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(
-    rate: int, band_hz: float | None, ringing: float
-) -> None:
-    """Though it swings by a hundred times its noise, and steps; a band's counts by its spectral density. A
-    piston that rings on its oil, knocked at random, is no noise."""
+def test_the_noise_of_a_rows_pressure_is_that_of_its_samples_mean(rate, band_hz, ringing):
+    """Though it swings, steps and rings on its oil; a band's counts by its spectral density."""
     rng, time = np.random.default_rng(9), np.arange(60 * rate) / rate
     unit, samples = UNIT.model_copy(deep=True), moving(60.0).rows(0, 1)
     columns = {c: np.interp(time, samples.time, samples[c]) for c in samples.channels}

@@ -1,13 +1,10 @@
 """Normal equations of frames against textbook forms, quadrature and least squares."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES, ORDERS, RegressionBlock
 from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
@@ -15,19 +12,14 @@ from fdd.residuals.effects import first_effects
 from fdd.residuals.normal_equations import marginalised
 from fdd.residuals.regression_accumulator import LOAD_S, RegressionAccumulator
 
-Array = NDArray[np.float64]
 ROWS = TAIL_BINS + FRAME_BINS
-
-
-def regular(rng: np.random.Generator, n: int) -> Array:
-    root = rng.normal(size=(2 * n, n)) * 10.0 ** rng.uniform(-2.0, 2.0, n)
-    return np.asarray(root.T @ root)
 
 
 @pytest.mark.parametrize("n", [1, 3, 7])
 def test_marginalised_is_the_textbook_form_where_the_information_is_regular(n: int) -> None:
     rng = np.random.default_rng(n)
-    m, std = regular(rng, n), 10.0 ** rng.uniform(-2.0, 1.0, n)
+    root = rng.normal(size=(2 * n, n)) * 10.0 ** rng.uniform(-2.0, 2.0, n)
+    m, std = root.T @ root, 10.0 ** rng.uniform(-2.0, 1.0, n)
     vector = m @ rng.normal(size=n)
     wide, kept = marginalised(m, vector, std)
     expected = np.linalg.inv(np.linalg.inv(m) + np.diag(std**2))
@@ -49,7 +41,7 @@ def test_marginalised_of_what_tells_nothing_tells_nothing() -> None:
     assert not blank.any() and not none.any()
 
 
-def of_frame(rng: np.random.Generator, n: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+def of_frame(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     x = rng.normal(size=(ROWS, n)) * np.arange(1, n + 1)
     return x @ rng.normal(size=n) + 0.1 * rng.normal(size=ROWS), x, np.ones(ROWS, dtype=bool)
 
@@ -130,7 +122,6 @@ def test_a_line_has_its_amplitude_whatever_its_phase(swing: float) -> None:
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
 def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share: float) -> None:
-    """A pressure with noise in compliance and sensor lag."""
     balance, rng, frames = BALANCES["volume"], np.random.default_rng(11), 400
     n, noise = len(balance.columns), np.sqrt(share)
     compliance, lag = balance.columns.index("compliance"), balance.columns.index("sensor_lag")

@@ -1,6 +1,4 @@
-"""The watch on simulated machines: quiet while healthy, right while not, whatever the blocks."""
-
-from __future__ import annotations
+"""The watch on simulated machines, whatever the blocks; the chances that its thresholds are argued with."""
 
 from functools import cache
 from itertools import pairwise
@@ -10,27 +8,25 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import integrate, stats
 
-from fdd.errors import InputError
-from fdd.plant.scenario import Scenario
+from fdd import Samples, Scenario, Unit
 from fdd.plant.simulate import Simulation, simulate
-from fdd.samples import Samples
 from fdd.sensor import Sensor
 from fdd.sensors import SensorWatch
 from fdd.sensors.finding import Kind, SensorFindings
-from fdd.sensors.jumps import BREAKS_LOOSE
-from fdd.sensors.limits import POSITION
+from fdd.sensors.jumps import BREAKS_LOOSE, NOISE_REACH
+from fdd.sensors.limits import INDEX, POSITION, Limits
 from fdd.sensors.memory import Memory
-from fdd.sensors.statistics import excess
-from fdd.unit import Unit
+from fdd.sensors.statistics import excess, spread
+from tests.refusal import refused
 
 ONSET = 8.0
 DUTIES: dict[str, dict[str, Any]] = {
     "standstill": {"duty": {"name": "standstill"}},
     "standstill without control": {"duty": {"name": "standstill"}, "control": {"mode": "speed"}},
     "steps against weight": {
-        "duty": {"name": "steps", "amplitude": 0.1},
-        "load": {"name": "constant", "level": 900},
+        "duty": {"name": "steps", "amplitude": 0.1}, "load": {"name": "constant", "level": 900},
     },
     "steps with a mass": {"duty": {"name": "steps", "amplitude": 0.1}, "load": {"name": "inertia"}},
     "noise": {"duty": {"name": "prbs"}, "load": {"name": "gust"}},
@@ -99,20 +95,16 @@ def test_faults_of_the_machine_are_none_of_the_sensors(fault: str) -> None:
     assert watched(run("axis_a", "as shipped", "steps with a mass", fault, 1.0).samples).findings() == []
 
 
-def slips_of(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
-    """Times and sizes of the true slips, from what the encoder shows and what is true."""
-    error = simulation.samples["position"] - simulation.truth["position"]
-    there = np.isfinite(error)
-    steps = np.diff(error[there])
-    rows = np.flatnonzero(np.abs(steps) > 50e-6)
-    return simulation.samples.time[there][rows + 1], np.abs(steps[rows])
-
-
 @pytest.mark.parametrize("duty", ["standstill", "steps with a mass", "sweep"])
 @pytest.mark.parametrize("severity", [0.2, 0.8])
 def test_slips_of_the_encoder(duty: str, severity: float) -> None:
     simulation = run("axis_b", "as shipped", duty, "position_sensor_slip", severity)
-    times, sizes = slips_of(simulation)
+    # Of the true slips, from what the encoder shows and what is true.
+    error = simulation.samples["position"] - simulation.truth["position"]
+    there = np.isfinite(error)
+    steps = np.diff(error[there])
+    rows = np.flatnonzero(np.abs(steps) > 50e-6)
+    times, sizes = simulation.samples.time[there][rows + 1], np.abs(steps[rows])
     (slip,) = watched(simulation.samples, simulation.unit).findings()
     assert (slip.channel, slip.kind, slip.fault) == ("position", "slip", "position_sensor_slip")
     assert np.abs(times - slip.onset_s).min() < 0.002, "the onset is one of the slips"
@@ -124,9 +116,7 @@ def test_slips_of_the_encoder(duty: str, severity: float) -> None:
 @pytest.mark.parametrize(
     ("rod", "pressure", "kinds"), [(False, 0.0, ["slip"]), (True, 0.0, []), (True, 1e6, ["slip"])]
 )
-def test_a_single_rods_piston_may_run_where_its_load_changes_sides(
-    rod: bool, pressure: float, kinds: list[str]
-) -> None:
+def test_a_single_rods_piston_may_run_where_its_load_changes_sides(rod, pressure, kinds):
     """Three millimetres in 0.08 s while the pump stands: both piloted check valves may be open there."""
     unit, still = Unit.load("axis_a"), run("axis_a", "as shipped", "standstill without control").samples
     if rod:
@@ -272,10 +262,9 @@ def test_channels_may_come_and_go() -> None:
 def test_time_that_stands_and_a_state_of_another_unit_are_refused() -> None:
     row = Samples([1.0], {"position": [0.0]})
     watch = watched(row)
-    with pytest.raises(InputError, match="order of time"):
-        watch.push(row)
-    with pytest.raises(InputError, match="another version or unit"):
-        SensorWatch(Unit.load("axis_b")).restore(watch.state())
+    assert "order of time" in refused(lambda: watch.push(row))
+    other = SensorWatch(Unit.load("axis_b"))
+    assert "another version or unit" in refused(lambda: other.restore(watch.state()))
 
 
 @pytest.mark.parametrize("rate", [500.0, 1000.0])
@@ -328,3 +317,60 @@ def test_a_peak_beyond_a_range_that_spans_the_relief_setting_is_no_fault(share: 
     assert len(watch.notes()) == sound
     state = next(s for s in watch.states() if s["channel"] == "pressure_difference")["state"]
     assert state == ("clipped" if sound else "trusted")
+
+
+ROWS = 1_000_000
+
+
+def chance_of_excess(reach: float) -> float:
+    """That ``a + 2b + c`` and ``2a + b + d`` are both beyond `reach`, or both below its negative."""
+    correlation, scale = 4.0 / 6.0, np.sqrt(6.0)
+    rest = np.sqrt(1.0 - correlation**2)
+
+    def density(u: float) -> float:
+        return float(stats.norm.pdf(u) * stats.norm.sf((reach / scale - correlation * u) / rest))
+
+    return 2.0 * float(integrate.quad(density, reach / scale, reach / scale + 12.0)[0])
+
+
+@pytest.mark.parametrize("reach", [4.0, 7.0])
+def test_excess_of_white_noise_has_the_chance_that_is_said(reach: float) -> None:
+    noise = np.random.default_rng(1).normal(0.0, 1.0, ROWS)
+    over = np.abs(excess(np.arange(ROWS) * 1e-3, noise)) > reach
+    expected = chance_of_excess(reach)
+    assert over.mean() == pytest.approx(expected, abs=5.0 * np.sqrt(expected / ROWS))
+
+
+def test_a_false_jump_comes_once_in_a_hundred_thousand_hours() -> None:
+    channels, strides, rate = 6, 2, 1000.0
+    per_hour = chance_of_excess(NOISE_REACH) * channels * strides * rate * 3600.0
+    assert per_hour < 1e-5
+
+
+def test_noise_is_estimated_through_jumps_and_rounding() -> None:
+    rng = np.random.default_rng(2)
+    noise = rng.normal(0.0, 3.0, (800, 40))
+    # A step every 20 rows, and rounding to the noise's own size.
+    spoilt = np.round(noise / 3.0) * 3.0 + 100.0 * np.cumsum(np.arange(800) % 20 == 0)[:, None]
+    assert np.median([spread(run) for run in noise.T]) == pytest.approx(3.0, rel=0.05)
+    assert all(2.0 < spread(run) < 9.0 for run in spoilt.T)
+
+
+def test_rows_of_noise_repeat_no_more_often_than_limits_allow() -> None:
+    unit = Unit.load("axis_a")
+    sensor = unit.sensor("pressure_1")
+    values = 5e5 + sensor.noise * np.random.default_rng(3).normal(size=ROWS)
+    counts = np.round(values / sensor.resolution)
+    repeated = float((np.diff(counts) == 0).mean())
+    assert repeated == pytest.approx(sensor.resolution / (sensor.noise * np.sqrt(4.0 * np.pi)), rel=0.05)
+    assert Limits.of(unit).repeat[INDEX["pressure_1"]] >= repeated
+
+
+def test_limits_leave_every_shipped_unit_its_ordinary_range() -> None:
+    for name in ("axis_a", "axis_b"):
+        unit, limits = Unit.load(name), Limits.of(Unit.load(name))
+        half, relief = 0.5 * unit.cylinder.stroke, unit.accumulator.relief_pressure
+        assert limits.low[INDEX["position"]] < -half < half < limits.high[INDEX["position"]]
+        assert limits.high[INDEX["pressure_1"]] > relief + unit.accumulator.charge_pressure
+        assert limits.low[INDEX["pressure_1"]] < -101_325.0
+        assert limits.high[INDEX["pump_speed"]] > unit.drive.max_speed

@@ -1,8 +1,5 @@
 """Healthy recordings of a real machine are quiet, and what is done to them is named."""
 
-from __future__ import annotations
-
-import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -10,14 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fdd import Samples, Unit
 from fdd.logs import ChannelMap, read_log
-from fdd.samples import Samples
 from fdd.sensors import SensorFinding, SensorWatch
-from fdd.unit import Unit
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
-BENCH = Path(os.environ.get("FDD_SHARED", ROOT.parent / "shared")) / "real" / "eha_bench"
 RUNS = ("session_18oct/exp_data_5_3.csv", "session_18oct/exp_data_1_1.csv", "session_17oct/test2.csv")
 AT_REST = 14.3
 SUPPLIED = ("pressure_1", "pressure_2", "position", "pump_angle")
@@ -25,13 +20,9 @@ Recorded = Callable[[str], Samples]
 
 
 @pytest.fixture(scope="module")
-def recorded(bench_map: ChannelMap) -> Recorded:
-    """One recording in SI, read once; skips where the recordings are absent."""
-    return cache(lambda run: read_log(BENCH / run, bench_map).samples)
-
-
-def sessions(*names: str) -> list[str]:
-    return [f"{n}/{path.name}" for n in names for path in sorted((BENCH / n).glob("*.csv"))]
+def recorded(bench: Path, bench_map: ChannelMap) -> Recorded:
+    """One recording in SI, read once."""
+    return cache(lambda run: read_log(bench / run, bench_map).samples)
 
 
 def watched(samples: Samples) -> tuple[list[SensorFinding], Samples]:
@@ -51,14 +42,14 @@ def changed(
     return Samples(samples.time, columns)
 
 
-def test_healthy_runs_are_quiet(recorded: Recorded) -> None:
-    runs = sessions("session_17oct", "session_18oct")
+def test_healthy_runs_are_quiet(bench: Path, recorded: Recorded) -> None:
+    runs = sorted(bench.glob("session_1[78]oct/*.csv"))
     assert len(runs) == 26
     assert not {run: f for run in runs if (f := watched(recorded(run))[0])}
 
 
-def test_bursts_of_the_angle_sensor_are_spikes(recorded: Recorded) -> None:
-    for run in sessions("session_15oct"):
+def test_bursts_of_the_angle_sensor_are_spikes(bench: Path, recorded: Recorded) -> None:
+    for run in sorted(bench.glob("session_15oct/*.csv")):
         samples = recorded(run)
         found, out = watched(samples)
         spikes = [f for f in found if (f.channel, f.kind) == ("pump_angle", "spikes")]
@@ -75,9 +66,7 @@ def test_bursts_of_the_angle_sensor_are_spikes(recorded: Recorded) -> None:
     ("channel", "value", "kind"),
     [("pressure_1", 0.0, "dead"), ("pressure_2", np.nan, "stuck"), ("pressure_1", 25.5e6, "saturated")],
 )
-def test_silent_pressure_is_named_and_taken_out(
-    recorded: Recorded, run: str, at: float, channel: str, value: float, kind: str
-) -> None:
+def test_silent_pressure_is_named_and_taken_out(recorded, run, at, channel, value, kind):
     samples = recorded(run)
     if kind == "stuck":
         value = float(samples[channel][np.searchsorted(samples.time, at)])

@@ -1,21 +1,20 @@
-"""Chamber pressures from their difference: against the plant's own, and the oil that each takes."""
-
-from __future__ import annotations
+"""The viscosity of the oil; chamber pressures from their difference, against those of the plant."""
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from hypothesis import given
+from hypothesis import strategies as st
 
-from fdd.plant.oil import air_compliance, bulk_modulus
+from fdd import Samples, simulate
+from fdd.plant.oil import air_compliance, bulk_modulus, viscosity
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.simulate import simulate
 from fdd.residuals.bins import COLUMNS, BinMaker
 from fdd.residuals.hidden_pressures import chambers_from_difference
-from fdd.samples import Samples
-from fdd.unit import Unit
+from fdd.residuals.oil import viscosity_ratio
+from fdd.unit import Oil, Unit
 
 
-def unknown(like: NDArray[np.float64]) -> NDArray[np.float64]:
+def unknown(like: np.ndarray) -> np.ndarray:
     return np.full_like(like, np.nan)
 
 
@@ -114,7 +113,7 @@ def test_rows_do_not_depend_on_blocks_where_sensors_come_and_go(step: int) -> No
     }  # fmt: skip
     log = Samples(time, columns)
 
-    def mean(blocks: list[Samples]) -> NDArray[np.float64]:
+    def mean(blocks: list[Samples]) -> np.ndarray:
         maker = BinMaker(unit)
         parts = [rows for block in blocks for _, rows in maker.stretches(block)]
         return np.concatenate([*parts, maker.push(None)[1]])[:, COLUMNS["mean_pressure"]]
@@ -141,3 +140,34 @@ def test_the_mean_is_unknown_while_its_drain_says_whether_a_valve_feeds(drains: 
     known = np.isfinite(rows[:, COLUMNS["mean_pressure"]])
     assert known[200:300].all() and known[350:600].all() and known[710:].all()
     assert known.all() if not drains else 10 <= np.sum(~known[600:700]) <= 80
+
+
+def oil_of(at_40: float, share: float, reference: float) -> Oil:
+    """Axis A's oil with other viscosities: cSt at 40 °C, share of what lies above 1 cSt at 100 °C."""
+    points = {"viscosity_40": at_40 * 1e-6, "viscosity_100": (1.0 + share * (at_40 - 1.0)) * 1e-6}
+    return Unit.load("axis_a").oil.model_copy(update={**points, "reference_temperature": reference})
+
+
+oils = st.builds(oil_of, st.floats(8.0, 400.0), st.floats(0.05, 0.5), st.floats(0.0, 90.0))
+
+
+@given(oils, st.floats(-20.0, 120.0))
+def test_is_a_straight_line_in_walthers_coordinates(oil: Oil, celsius: float) -> None:
+    at_reference = viscosity(oil, oil.reference_temperature)
+    centistokes = viscosity_ratio(oil, [40.0, 100.0, celsius]) * float(at_reference) * 1e6
+    ordinate = np.log10(np.log10(centistokes + 0.7))
+    abscissa = np.log10(np.array([40.0, 100.0, celsius]) + 273.15)
+    line = np.polyfit(abscissa[:2], ordinate[:2], 1)
+    assert ordinate[2] == pytest.approx(np.polyval(line, abscissa[2]), abs=1e-7)
+
+
+def test_agrees_with_the_plants_own_law() -> None:
+    oil = Unit.load("axis_a").oil
+    celsius = np.linspace(-20.0, 110.0, 27)
+    expected = viscosity(oil, celsius) / viscosity(oil, 40.0)
+    np.testing.assert_allclose(viscosity_ratio(oil, celsius), expected, rtol=1e-9)
+
+
+def test_absurd_temperatures_stay_finite() -> None:
+    found = viscosity_ratio(Unit.load("axis_a").oil, [-300.0, 1e6])
+    assert np.isfinite(found).all() and (found > 0.0).all()

@@ -1,6 +1,4 @@
-"""ExtendedKalmanFilter against filterpy, scipy and the chi-square law."""
-
-from __future__ import annotations
+"""Both filters: against filterpy, scipy and the chi-square law; the SVSF's own laws and limits."""
 
 import copy
 import math
@@ -8,10 +6,10 @@ import math
 import filterpy.kalman
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimators import ExtendedKalmanFilter
+from estimators import SVSF, ExtendedKalmanFilter
 
 
 def covariance(rng: np.random.Generator, size: int, spread: float = 1.0) -> np.ndarray:
@@ -22,36 +20,26 @@ def covariance(rng: np.random.Generator, size: int, spread: float = 1.0) -> np.n
     return 0.5 * (full + full.T)
 
 
-def linear_pair(rng: np.random.Generator, n: int, m: int, column: bool):
-    ours, peer = ExtendedKalmanFilter(n, m), filterpy.kalman.KalmanFilter(n, m)
-    F = 0.9 * np.linalg.qr(rng.normal(size=(n, n)))[0]
-    values = {"P": covariance(rng, n), "Q": covariance(rng, n), "R": covariance(rng, m), "F": F}
-    values |= {"H": rng.normal(size=(m, n)), "B": rng.normal(size=(n, 2))}
-    values["x"] = rng.normal(size=(n, 1) if column else n)
-    for name, value in values.items():
-        setattr(ours, name, value.copy())
-        setattr(peer, name, value.copy())
-    return ours, peer
-
-
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6), m=st.integers(1, 5))
 def test_random_linear_problems_equal_both_of_filterpys_filters(seed: int, n: int, m: int) -> None:
     """KalmanFilter, and ExtendedKalmanFilter with h and its Jacobian handed to update."""
     rng = np.random.default_rng(seed)
-    ours, peer = linear_pair(rng, n, m, column=True)
-    extended, theirs = ExtendedKalmanFilter(n, m), filterpy.kalman.ExtendedKalmanFilter(n, m)
-    for kf in (extended, theirs):
-        for name in ("x", "P", "Q", "R", "F"):
-            setattr(kf, name, getattr(ours, name).copy())
-    H = ours.H.copy()
-    extended.h, extended.H_jacobian = (lambda x: H @ x), (lambda x: H)
+    F, H = 0.9 * np.linalg.qr(rng.normal(size=(n, n)))[0], rng.normal(size=(m, n))
+    values = {"P": covariance(rng, n), "Q": covariance(rng, n), "R": covariance(rng, m), "F": F}
+    values["x"] = rng.normal(size=(n, 1))
+    ours, peer = ExtendedKalmanFilter(n, m), filterpy.kalman.KalmanFilter(n, m)
+    ours.H, peer.H = H, H
+    extended = ExtendedKalmanFilter(n, m, h=lambda x: H @ x, H_jacobian=lambda x: H)
+    theirs = filterpy.kalman.ExtendedKalmanFilter(n, m)
+    for kf in (ours, peer, extended, theirs):
+        for name, value in values.items():
+            setattr(kf, name, value.copy())
     for _ in range(8):
         z = rng.normal(size=(m, 1))
         for kf in (ours, peer, extended, theirs):
             kf.predict()
-        ours.update(z)
-        peer.update(z)
-        extended.update(z)
+        for kf in (ours, peer, extended):
+            kf.update(z)
         theirs.update(z, lambda x: H, lambda x: H @ x)
     for one, other in ((ours, peer), (extended, theirs), (extended, peer)):
         scale = np.sqrt(np.outer(np.diag(other.P), np.diag(other.P)))
@@ -166,31 +154,108 @@ def test_unusable_input_is_refused_in_one_line_and_changes_nothing(act, message:
         np.testing.assert_array_equal(getattr(kf, name), value, err_msg=name)
 
 
-def pair(rng: np.random.Generator, n: int, m: int, **options):
-    plain, robust = ExtendedKalmanFilter(n, m), ExtendedKalmanFilter(n, m, **options)
-    H, P, R, x = rng.normal(size=(m, n)), covariance(rng, n), covariance(rng, m), rng.normal(size=n)
-    for kf in (plain, robust):
-        kf.H, kf.P, kf.R, kf.x = H, P, R, x
-    return plain, robust
-
-
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 5), limit=st.floats(0.5, 5.0))
 def test_one_channel_follows_hubers_influence_function(seed: int, n: int, limit: float) -> None:
     """The correction is the Kalman correction of the innovation clipped at the limit."""
     rng = np.random.default_rng(seed)
-    plain, robust = pair(rng, n, 1, robust=limit)
-    S = (plain.H @ plain.P @ plain.H.T + plain.R).item()
-    e = rng.choice([-1.0, 1.0]) * rng.uniform(0.0, 20.0) * np.sqrt(S)
-    clipped = float(np.clip(e, -limit * np.sqrt(S), limit * np.sqrt(S)))
-    output = (plain.H @ plain.x).item()
+    H, P, R, x = rng.normal(size=(1, n)), covariance(rng, n), covariance(rng, 1), rng.normal(size=n)
+    plain, robust = ExtendedKalmanFilter(n, 1), ExtendedKalmanFilter(n, 1, robust=limit)
+    for kf in (plain, robust):
+        kf.H, kf.P, kf.R, kf.x = H, P, R, x
+    std, output = np.sqrt((H @ P @ H.T + R).item()), (H @ x).item()
+    e = rng.choice([-1.0, 1.0]) * rng.uniform(0.0, 20.0) * std
     robust.update(output + e)
-    nis = robust.nis
-    plain.update(output + clipped)
+    plain.update(output + float(np.clip(e, -limit * std, limit * std)))
     np.testing.assert_allclose(robust.x, plain.x, rtol=1e-9, atol=1e-12)
-    assert nis == pytest.approx(e * e / S)  # of the noise as given
-    weight = min(1.0, limit * np.sqrt(S) / max(abs(e), 1e-300))
+    assert robust.nis == pytest.approx((e / std) ** 2)  # of the noise as given
+    weight = min(1.0, limit * std / max(abs(e), 1e-300))
     assert robust.robust_weights[0] == pytest.approx(weight)
     # Its covariance is that of a channel of variance S / w.
-    before = pair(np.random.default_rng(seed), n, 1)[0].P
-    Ph = before @ plain.H.T
-    np.testing.assert_allclose(robust.P, before - Ph @ Ph.T * weight / S, rtol=1e-7, atol=1e-10)
+    Ph = P @ H.T
+    np.testing.assert_allclose(robust.P, P - Ph @ Ph.T * weight / std**2, rtol=1e-7, atol=1e-10)
+
+
+def prepared(rng: np.random.Generator, n: int, m: int, **options) -> SVSF:
+    """A filter of a random output matrix of well-conditioned rows."""
+    filt = SVSF(n, m, **options)
+    filt.H = np.linalg.qr(rng.normal(size=(n, n)))[0][:m] + 0.1 * rng.normal(size=(m, n))
+    filt.P, filt.R = covariance(rng, n), covariance(rng, m)
+    filt.x = rng.normal(size=n)
+    return filt
+
+
+sizes = st.integers(1, 5).flatmap(lambda n: st.tuples(st.just(n), st.integers(1, n)))
+problem = {"seed": st.integers(0, 2**32 - 1), "n_and_m": sizes}
+
+
+@settings(max_examples=80)
+@given(**problem)
+def test_the_optimal_layer_turns_the_svsf_gain_into_the_kalman_gain(seed, n_and_m) -> None:
+    """The identity behind the switch, from the published formula with a full layer matrix."""
+    rng, (n, m) = np.random.default_rng(seed), n_and_m
+    svsf = prepared(rng, n, m, psi=1e12, boundary_layer="variable", gamma=0.3)
+    svsf.e_post = rng.normal(size=m)
+    P, H, R = svsf.P.copy(), svsf.H, svsf.R
+    z = rng.normal(size=m)
+    E = np.diag(np.abs(z - H @ svsf.x) + 0.3 * np.abs(svsf.e_post))
+    A = H @ P @ H.T
+    S = A + R
+    psi = np.linalg.inv(np.linalg.inv(E) @ A @ np.linalg.inv(S))
+    svsf.update(z)
+    np.testing.assert_allclose(svsf.psi_k, np.diag(psi), rtol=1e-7)
+    K = P @ H.T @ np.linalg.inv(A) @ E @ np.linalg.inv(psi)
+    np.testing.assert_allclose(K, svsf.K, rtol=1e-6, atol=1e-9)
+
+
+@settings(max_examples=60)
+@given(**problem)
+def test_unmeasured_states_follow_through_the_covariance(seed, n_and_m) -> None:
+    """delta = H+ k + (I - H+ H) K_ekf e, computed in full, with its second term."""
+    rng, (n, m) = np.random.default_rng(seed), n_and_m
+    svsf = prepared(rng, n, m, psi=0.5, gamma=0.1)
+    P, H, R, x = svsf.P.copy(), svsf.H, svsf.R, svsf.x.copy()
+    z = rng.normal(size=m) * 2.0
+    e = z - H @ x
+    k = np.abs(e) * np.clip(e / 0.5, -1.0, 1.0)
+    A = H @ P @ H.T
+    plus = P @ H.T @ np.linalg.inv(A)
+    kalman = P @ H.T @ np.linalg.inv(A + R) @ e
+    delta = plus @ k + (np.eye(n) - plus @ H) @ kalman
+    svsf.update(z)
+    np.testing.assert_allclose(svsf.x, x + delta, rtol=1e-6, atol=1e-8)
+    K, I_KH = svsf.K, np.eye(n) - svsf.K @ H
+    np.testing.assert_allclose(svsf.P, I_KH @ P @ I_KH.T + K @ R @ K.T, rtol=1e-7, atol=1e-10)
+
+
+@settings(max_examples=80)
+@given(**problem)
+def test_outside_the_layer_it_contracts_by_gamma(seed, n_and_m) -> None:
+    rng, (n, m) = np.random.default_rng(seed), n_and_m
+    svsf = prepared(rng, n, m, psi=1e-3, gamma=0.4)
+    svsf.e_post = before = rng.normal(size=m)
+    e = rng.choice([-1.0, 1.0], m) * rng.uniform(0.1, 2.0, m)
+    svsf.update(svsf.H @ svsf.x + e)
+    assert svsf.switched
+    np.testing.assert_allclose(svsf.e_post, -0.4 * np.abs(before) * np.sign(e), atol=1e-7)
+
+
+def test_two_sensors_of_one_state_are_averaged_and_not_divided_by_zero() -> None:
+    svsf = SVSF(2, 2, psi=0.1, gamma=0.0)
+    svsf.H, svsf.R, svsf.x = [[1.0, 0.0], [1.0, 0.0]], [1.0, 1.0], np.zeros(2)
+    svsf.update([4.0, 6.0])
+    assert svsf.x[0] == pytest.approx(5.0, rel=1e-4)
+    assert np.linalg.eigvalsh(svsf.P).min() >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"psi": 0.0}, "a boundary layer is more than 0"),
+        ({"gamma": 1.0}, "give 0 <= gamma < 1"),
+        ({"boundary_layer": "thick"}, "give 'fixed' or 'variable'"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as error:
+        SVSF(2, 2, **{"psi": 1.0, **options})
+    assert "\n" not in str(error.value)
