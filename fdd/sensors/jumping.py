@@ -16,6 +16,7 @@ from fdd.sensors.finding import SensorFindings
 from fdd.sensors.jumps import NOISE_REACH, STAYS, Jump, explained, jumps, moved_oil
 from fdd.sensors.limits import ACCUMULATOR, ANGLE, DIFFERENCE, NAMES, ONE, POSITION, SPEED, TWO, Limits
 from fdd.sensors.memory import CELL_HISTORY, Memory
+from fdd.sensors.scan import LEAK_MARGIN
 from fdd.sensors.statistics import GAUSS_90, excess, place, smallest, widest
 
 Array = NDArray[np.float64]
@@ -160,7 +161,18 @@ class JumpWatch:
         stood = self.memory.stood
         if first == 0 and abs(stood[1] - jump.time) < DEFERRED_S:  # it stood longer than there are rows
             since, moved = float(stood[0]), float(stood[2])
-        return since if abs(moved / self.limits.area - jump.net) < 0.3 * abs(jump.net) else None
+        caught_up = abs(moved / self.limits.area - jump.net) < 0.3 * abs(jump.net)
+        return since if caught_up and not self._may_stand(rows, first, row, moved) else None
+
+    def _may_stand(self, rows: Rows, first: int, row: int, moved: float) -> bool:
+        """Whether the piston stood until a jump, which is a slip then: it stands on, and what the pump
+        displaced since the `first` row (m³) leaks."""
+        after, pressure = rows.values[POSITION, row : row + HELD_ROWS], rows.difference()
+        if pressure is None or after.size < HELD_ROWS:
+            return False
+        leaks = np.nansum(np.abs(pressure[first:row]) * np.diff(rows.time[first : row + 1]))
+        stands = np.ptp(after) <= 2.0 * self.limits.resolution[POSITION]
+        return bool(stands and abs(moved) <= LEAK_MARGIN * self.limits.leakage * leaks)
 
     def _reads_nothing(self, jump: Jump, rows: Rows) -> bool:
         """Whether the position is exactly 0 from a jump on: no piston stops just there."""

@@ -1,7 +1,5 @@
 """The pipeline's promises: how a log was cut, lost a piece or was mirrored changes nothing of the answer."""
 
-from __future__ import annotations
-
 import io
 import itertools
 import json
@@ -10,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from simulated_logs import DURATION_S, HEALTHY, ONSET_S, simulated
 
@@ -173,8 +171,9 @@ def test_a_sensor_whose_fault_turns_out_to_be_another_is_told_again(unit: Unit, 
 
 
 @SHARED
+@example(seed=5115, cuts=[])  # a slip while the piston stands and the pump makes up for as much leakage
 @given(seed=st.integers(0, 2**31), cuts=st.lists(st.integers(1, 31_000), max_size=6))
-def test_what_an_encoder_slips_by_is_no_oil(unit: Unit, leaking: Samples, seed: int, cuts: list[int]) -> None:
+def test_what_an_encoder_slips_by_is_no_oil(unit, leaking, seed, cuts):
     """Slips of a millimetre, once a second: the leak is found as without, and no other fault."""
     rng = np.random.default_rng(seed)
     columns = {n: leaking[n].copy() for n in leaking.channels}
