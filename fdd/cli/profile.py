@@ -48,9 +48,7 @@ def new(
 
 
 @app.command()
-def check(
-    profile: Annotated[str, argument("A YAML file or a shipped profile.", "PROFILE")],
-) -> None:
+def check(profile: Annotated[str, argument("A YAML file or a shipped profile.", "PROFILE")]) -> None:
     """Show what follows from a profile's numbers, and what is odd about them."""
     from fdd.data_sheet.plausibility import require_plausible, unit_remarks
     from fdd.unit import Unit

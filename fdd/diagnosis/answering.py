@@ -79,10 +79,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     lead, h = found.lead, found.lead.hypothesis
     earliest, latest = lead.onset_quantiles(0.1, 0.9)
     detected = span.end
-    interval = (
-        round(min(onset, span.starts[earliest]), 2),
-        round(max(onset, span.until(latest)), 2),
-    )
+    interval = (round(min(onset, span.starts[earliest]), 2), round(max(onset, span.until(latest)), 2))
     titles = " and ".join(BALANCES[name].title for name in h.columns)
     sure = model.calibration.probability(found.score, second=found.second)
     if not found.known:
@@ -103,11 +100,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     low, high = (size * math.exp(sign * Z80 * min(spread, MOST_SPREAD)) for sign in (-1.0, 1.0))
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
-    words = {
-        "step": "from",
-        "ramp": "growing from",
-        "drift": "drifting from",
-    }[lead.kind]
+    words = {"step": "from", "ramp": "growing from", "drift": "drifting from"}[lead.kind]
     stretch = span.stretch.replace("stretches", "stretch") if round(lead.blocks) == 1 else span.stretch
     sentences = [
         f"The balance of {titles} does not close {words} {onset:.1f} s on; "

@@ -13,14 +13,7 @@ from fdd.errors import InputError
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S, BinMaker
-from fdd.residuals.effects import (
-    Effects,
-    LogConditions,
-    Spreads,
-    first_effects,
-    usual_conditions,
-    with_logs,
-)
+from fdd.residuals.effects import Effects, LogConditions, Spreads, first_effects, usual_conditions, with_logs
 from fdd.residuals.normal_equations import marginalised
 from fdd.samples import Samples
 from fdd.unit import BalanceBaseline, Baseline, Unit

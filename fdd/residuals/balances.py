@@ -138,10 +138,7 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
     swept = 0.5 * unit.pump.displacement * q.turn
     gas = AERATION * (q.chambers[2].gas - q.chambers[1].gas)
     denser = q.chambers[1].stiff * middle(q.drop) + unit.oil.air_fraction / AERATION * gas
-    for side, sign, p, area in (
-        (1, 1.0, q.p1, unit.cylinder.area_1),
-        (2, -1.0, q.p2, unit.cylinder.area_2),
-    ):
+    for side, sign, p, area in ((1, 1.0, q.p1, unit.cylinder.area_1), (2, -1.0, q.p2, unit.cylinder.area_2)):
         mid = middle(p)
         drop = sign * middle(q.drop)
         above = np.sqrt(np.maximum(mid - p_c, 0.0))

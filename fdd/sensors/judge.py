@@ -9,15 +9,7 @@ from fdd.sensors.finding import SAME_INSTANT_S, Kind, SensorFindings
 from fdd.sensors.jumping import JumpWatch, Rows, swept_volume
 from fdd.sensors.limits import DIFFERENCE, IS_LIVE, IS_MEASURED, NAMES, POSITION, Limits, figure
 from fdd.sensors.memory import MOVING, STILL
-from fdd.sensors.scan import (
-    FRAME_S,
-    LEARNT_FRAMES,
-    LOST_WINDOW_S,
-    Scan,
-    rows_needed,
-    scan,
-    standing_position,
-)
+from fdd.sensors.scan import FRAME_S, LEARNT_FRAMES, LOST_WINDOW_S, Scan, rows_needed, scan, standing_position
 from fdd.sensors.statistics import smallest
 
 Array = NDArray[np.float64]

@@ -146,6 +146,7 @@ def test_map_profile_and_start_are_told(ran, logs, tiny_model_file, tmp_path):
         assert answer["sha256"][key] == sha256(tmp_path / file)
 
 
+@pytest.mark.slow
 def test_workers_change_nothing(run, folder, one_folder, tiny_model_file, tmp_path):
     out, page, mcaps = tmp_path / "two", tmp_path / "pages", tmp_path / "mcaps"
     page.mkdir()
@@ -173,6 +174,7 @@ def test_a_single_bad_log_writes_nothing_and_another_folder_is_left_alone(run, o
     one_line(run("diagnose", folder, "--resume"), "--output")
 
 
+@pytest.mark.slow
 def test_resume_works_only_what_is_new(run, one_folder, folder, tiny_model_file, tmp_path, monkeypatch):
     folder = shutil.copytree(folder, tmp_path / "runs")
     one_folder = shutil.copytree(one_folder, tmp_path / "out")

@@ -69,6 +69,7 @@ def test_verbose_shows_the_sensors(ran, healthy_strokes, tmp_path):
     assert "…" not in result.stdout, "80 columns cut nothing"
 
 
+@pytest.mark.slow
 def test_a_leaking_log_is_added_only_where_it_is_accepted(run, ran, one_line, made, tmp_path):
     _, profile = made
     log, out = tmp_path / "leak.mcap", tmp_path / "more.yaml"

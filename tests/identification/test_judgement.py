@@ -101,6 +101,7 @@ def test_one_log_cannot_tell_a_leak_from_a_leaky_unit() -> None:
     assert identify_unit([leaking], axis).unit.pump.total_leakage > 1.5 * axis.pump.total_leakage
 
 
+@pytest.mark.slow
 def test_farther_than_manufacturing_leaves_open(healthy: list[Samples]) -> None:
     base = Unit.load("axis_a")
     base.pump.cross_port_leakage *= 5.0

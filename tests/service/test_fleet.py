@@ -65,6 +65,7 @@ def test_live_is_what_the_pipeline_says_of_the_whole(lags, store, log, whole):
     assert status.quality["repeated"] > 0 and status.quality["reordered"] > 0
 
 
+@pytest.mark.slow
 def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice_over_restarts(store, log, monkeypatch):
     due = list[list[str]]()
     monkeypatch.setattr(Backlog, "is_due", lambda self, now: True)

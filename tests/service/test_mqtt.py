@@ -197,6 +197,7 @@ def test_a_broker_that_is_killed_loses_nothing_and_tells_nothing_twice(broker, r
     assert order.counts["repeated"] == 10 * (len(taker.blocks) - 40) and order.counts["late"] == 0
 
 
+@pytest.mark.slow
 def test_a_broker_that_comes_later_is_found(broker, start):
     broker.kill()
     source = start(source_of(broker))

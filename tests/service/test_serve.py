@@ -129,6 +129,7 @@ def test_a_fleet_that_fails_ends_the_service(tmp_path, monkeypatch):
             Service(Serve.from_yaml(UDP, folder=tmp_path)).run(threading.Event())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="sends signals")
 def test_two_signals_at_once_end_it(tmp_path):
     """A process manager and its wrapper may both send one: it must not wait for itself."""
