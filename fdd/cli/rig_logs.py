@@ -147,7 +147,7 @@ def _proposal_table(found: Proposal) -> Table:
         signal = f"{'−' if source.sign < 0 else ''}{factor}{name}"
         sure = f"{100 * row.confidence:.0f} %"
         rows.append((channel, signal, source.unit or CHANNELS[channel].unit, sure, row.why))
-    return grid(("channel", "signal", "unit", "sure", "because"), rows, numbers=("sure",))
+    return grid(("channel", "signal", "unit", "sure", "because"), rows, numbers=("sure",), whole=("channel",))
 
 
 def _answered(question: Question) -> str:

@@ -3,12 +3,15 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from fdd import __version__
+from fdd.cli.rig_logs import _proposal_table
 from fdd.logs import ChannelMap, read_log
 
 UNUSED = [
@@ -110,6 +113,13 @@ def test_an_answered_question_gives_a_map(ran, logs, foreign, tmp_path):
     read, wanted = read_log(foreign, out).samples, read_log(logs["healthy"]).samples
     for channel in ("position", "pump_speed", "pressure_1", "pressure_2"):
         np.testing.assert_allclose(read[channel], wanted[channel], rtol=1e-9, atol=1e-9)
+
+
+def test_no_channels_name_is_broken_at_80_columns(capsys):
+    source = SimpleNamespace(scale=31.416, column="accumulator_bar", sign=1, unit="bar")
+    row = SimpleNamespace(source=source, confidence=0.9, why="its name and unit; it rests " * 5)
+    Console(width=80).print(_proposal_table(SimpleNamespace(rows={"pressure_accumulator": row})))
+    assert " pressure_accumulator " in capsys.readouterr().out
 
 
 def test_open_questions_and_wrong_answers_are_told(run, one_line, foreign, tmp_path):
