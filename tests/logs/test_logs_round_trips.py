@@ -261,7 +261,8 @@ print(status("VmHWM") - before)
 def test_a_long_log_takes_little_more_memory_than_its_columns(tmp_path, name, write):
     """All channels with noise of their own, some values missing, the temperature measured seldom."""
     rng, log = np.random.default_rng(1), strokes(LONG, seed=1)
-    columns = {n: values + 1e-3 * rng.normal(size=LONG) for n, values in log.columns.items()}
+    names = (*log.columns, "pump_speed", "motor_current")
+    columns = {n: log.columns.get(n, 0.0) + 1e-3 * rng.normal(size=LONG) for n in names}
     columns["oil_temperature"] = np.repeat(40.0 + rng.normal(size=LONG // 100), 100)
     columns["pressure_1"][rng.integers(0, LONG, 50)] = np.nan
     log = Samples(log.time, columns)
