@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 from functools import partial
 from pathlib import Path
 
@@ -192,11 +193,13 @@ def test_a_signal_ends_it_with_the_summary(logs, tiny_model_file, number):
         [*command, "--model", str(tiny_model_file), "--json"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
-    assert process.stdin is not None and process.stdout is not None
+    bound = threading.Timer(60.0, process.kill)  # else a finding that never comes is waited for without end
+    bound.start()
     # The leak is found, so all of this was taken in; then the stream falls silent.
     process.stdin.write(stream_of(logs["leaking"]))
     process.stdin.flush()
     assert json.loads(process.stdout.readline())["event"] == "finding"
+    bound.cancel()
     process.send_signal(number)
     out, err = process.communicate(timeout=30)
     assert process.returncode == 0 and err == b""
