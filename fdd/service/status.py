@@ -14,6 +14,7 @@ from pydantic import BaseModel
 
 from fdd.diagnosis.findings import Estimate, FaultFinding
 from fdd.faults import fault
+from fdd.report.words import percent
 from fdd.samples import CHANNELS, Samples
 from fdd.service.alarms import PRIORITIES, Alarm, Priority
 
@@ -131,7 +132,7 @@ def _headline(watch: AxisWatch, live: Sequence[Alarm], silent: bool, zone: str |
         # What the last look still saw comes before what waits to return: it may have been the same fault.
         worst = max(live, key=lambda a: (a.seen >= a.time, PRIORITIES.index(a.priority), a.confidence or 0.0))
         size = "" if worst.severity is None else f", severity {worst.severity:.2f}"
-        sure = "" if worst.confidence is None else f", {100 * worst.confidence:.0f} % sure"
+        sure = "" if worst.confidence is None else f", {percent(worst.confidence)} sure"
         since = _clock_time(watch.wall_of(worst.body["onset_s"]), zone)
         gone = "" if worst.standing else "; it is gone"
         return f"{fault(worst.fault).title.capitalize()}{size}{sure}, since {since}{gone}{also}"

@@ -290,7 +290,9 @@ def test_the_headline_is_what_the_last_look_still_sees():
     """A weak valve alarm was a leak's first sign: more urgent by its kind, but no look sees it any more."""
     look, watch = Looks(), AxisWatch("A1", Unit.load("axis_a"), Model.load())
     valve = finding("relief_valve_stuck_open", "relief_valve", low=None, severity=0.1, confidence=0.6)
-    leak = finding("internal_leakage", low=None, severity=0.2, confidence=0.99)
+    leak = finding("internal_leakage", low=None, severity=0.2, confidence=0.9999)
     for found, words in (([valve], "Relief"), ([valve, leak], "Relief"), ([leak], "Internal leakage")):
         look(*found)
-        assert status_of(watch, look.book.alarms("A1"), {}, look.time).headline.startswith(words)
+        headline = status_of(watch, look.book.alarms("A1"), {}, look.time).headline
+        assert headline.startswith(words)
+    assert ", over 99 % sure, since" in headline
