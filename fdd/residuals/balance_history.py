@@ -293,6 +293,7 @@ class BalanceHistory:
                 out[f"{name}/{k}"] = part
             out[f"{name}/noise"] = np.array([regression.weight, regression.variance_sum])
             out[f"{name}/level"] = regression.level
+            out[f"{name}/phasors"] = regression.phasors
             out[f"{name}/lengths"] = np.array([len(r) for r in regression.recent])
             out[f"{name}/recent"] = (
                 np.concatenate(regression.recent) if regression.recent else np.empty((0, 0))
@@ -322,6 +323,7 @@ class BalanceHistory:
             self._marginal[name] = []
             regression.weight, regression.variance_sum = (float(x) for x in state[f"{name}/noise"])
             regression.level = state[f"{name}/level"].copy()
+            regression.phasors = state[f"{name}/phasors"].copy()
             ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
             regression.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()

@@ -274,15 +274,14 @@ def _shaft(q: Quantities) -> list[RegressionBlock]:
         turns = order * q.speed * BIN_S / np.pi
         seen = np.sinc(turns) + 0.5 * (np.sinc(turns - 1.0) + np.sinc(turns + 1.0))
         lines += [seen * np.cos(order * q.angle), seen * np.sin(order * q.angle)]
-    x = np.column_stack([*lines, np.ones_like(y), drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
+    x = np.column_stack([*lines, drop, turning, np.tanh(q.speed / (0.01 * scales.speed))])
     # A bin late, as the acceleration asks for the next bin: else the last one at hand would be lost.
     late = np.roll(np.arange(y.size), 1)
     return [RegressionBlock(y[late], x[late], (np.isfinite(y) & _turning(q))[late])]
 
 
-ORDERS = (1.0, 2.0, 0.5, 1.5, 2.5)
-"""Orders of the shaft: those of a misaligned coupling, and those half an order away, at which nothing
-turns: they show the broadband vibration of load and loop."""
+ORDERS = (1.0, 2.0)
+"""Orders of the shaft at which a worn or misaligned coupling shows."""
 
 
 STEADY = 0.88

@@ -56,6 +56,8 @@ class RegressionAccumulator:
         self.variance_sum = FIRST_WEIGHT * self.usual
         self.recent: list[Array] = []
         self.level: Array = np.zeros((1, effects.mean.size + 1))
+        # Of the lines so far, by sense of turning, as cosine and sine.
+        self.phasors: Array = np.zeros((2, balance.lines, 2))
 
     def equations(self, blocks: Sequence[RegressionBlock]) -> list[NormalEquations]:
         """Normal equations of frames.
@@ -96,13 +98,18 @@ class RegressionAccumulator:
             return NormalEquations(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
         gram = rows.T @ rows
         if self.balance.lines:
-            return self._amplitudes(gram, free)
+            return self._amplitudes(gram, int(np.nanmean(blocks[0].x[-FRAME_BINS:, -1]) > 0.0), free)
         variance = self._coloured(rows)
         return NormalEquations(gram[:n, :n] / variance, gram[:n, n] / variance, free, variance)
 
-    def _amplitudes(self, gram: Array, free: float) -> NormalEquations:
-        """Normal equations of the lines' amplitudes without their phase, which a lost count of the encoder
-        shifts."""
+    def _amplitudes(self, gram: Array, sense: int, free: float) -> NormalEquations:
+        """Normal equations of the lines' amplitudes, in phase with the frames before in this sense.
+
+        A line keeps its phase to the shaft's angle. Noise and vibration of another frequency, as stick-slip,
+        do not: their amplitude in that phase has mean zero, where their modulus has not (synchronous
+        averaging: Braun 1975, Acustica 32, 69). A count that the encoder loses shifts the phase, and is
+        forgotten within `MEMORY`.
+        """
         lines = self.balance.lines
         n = gram.shape[0] - 1
         scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
@@ -111,15 +118,16 @@ class RegressionAccumulator:
         )
         size = inverse @ gram[:n, n]
         variance = max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least)
-        pairs = np.hypot(size[0 : 4 * lines + 2 : 2], size[1 : 4 * lines + 2 : 2])
-        # Height over the two lines half an order away, at which only broadband vibration shows.
-        lower, upper = pairs[lines:-1], pairs[lines + 1 :]
-        amplitude = pairs[:lines] - 0.5 * (lower + upper)
-        background = 0.25 * (np.square(lower) + np.square(upper))
-        self.variance_sum = MEMORY * self.variance_sum + float(background.mean())
-        self.weight = MEMORY * self.weight + 1.0
+        now, before = size[: 2 * lines].reshape(lines, 2), self.phasors[sense].copy()
+        self.phasors[sense] = MEMORY * before + now
         spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)
-        spread = np.maximum(spread, np.maximum(background, self.variance_sum / self.weight))
+        self.variance_sum = MEMORY * self.variance_sum + float(spread.mean())
+        self.weight = MEMORY * self.weight + 1.0
+        if not before.any():
+            none = np.zeros((self.size, self.size))
+            return NormalEquations(none, np.zeros(self.size), 0.0, variance)
+        amplitude = np.sum(before * now, axis=1) / np.hypot(before[:, 0], before[:, 1])
+        spread = np.maximum(spread, self.variance_sum / self.weight)
         return NormalEquations(np.diag(1.0 / spread), amplitude / spread, free, variance)
 
     def _coloured(self, rows: Array) -> float:
