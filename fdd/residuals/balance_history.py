@@ -13,9 +13,8 @@ from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS
 from fdd.residuals.effects import Effects, LogConditions, viscous_change, with_logs
 from fdd.residuals.epochs import Epochs
-from fdd.residuals.normal_equations import NormalEquations, marginalised
+from fdd.residuals.normal_equations import RECENT_FRAMES, NormalEquations, RegressionAccumulator, marginalised
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.residuals.regression_accumulator import RECENT_FRAMES, RegressionAccumulator
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
-from fdd.residuals.filters import follow, friction, windowed_means
-from fdd.residuals.hidden_pressures import DRAINS, sure_mean_pressure
-from fdd.residuals.oil import viscosity_ratio
+from fdd.residuals.compiled import follow, friction, windowed_means
+from fdd.residuals.oil import DRAINS, sure_mean_pressure, viscosity_ratio
 from fdd.samples import Samples
 from fdd.unit import Unit
 
