@@ -47,12 +47,8 @@ def friction(
 
 @njit()
 def follow(values: Array, state: Array, decay: Array, out: Array) -> None:
-    """First-order lags behind a signal, (n, lags); a missing value leaves them as they are.
-
-    Parameters
-    ----------
-    state : (lags,), NaN before the first; kept for the next call. decay : (lags,), share that a bin closes.
-    """
+    """First-order lags behind a signal, (n, lags); a missing value leaves them as they are. `decay` (lags,)
+    is the share that a bin closes; `state` (lags,), NaN before the first, is kept for the next call."""
     for k in range(values.size):
         if np.isfinite(values[k]):
             for i in range(state.size):

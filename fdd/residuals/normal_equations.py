@@ -45,12 +45,8 @@ def marginalised(information: Array, vector: Array, std: Array) -> tuple[Array, 
     """Normal equations with a random effect marginalised: their coefficients differ by N(0, Q = diag(std²))
     from those sought.
 
-    Information ``M (I + Q M)⁻¹`` and vector ``(I + M Q)⁻¹ m``, by the eigenvalues of ``√Q M √Q``, which keeps
-    the information positive semidefinite however unequal the columns' scales are.
-
-    Parameters
-    ----------
-    information, vector : (…, n, n) and (…, n). std : (n,) of the random effect.
+    Information (…, n, n) ``M (I + Q M)⁻¹`` and vector (…, n) ``(I + M Q)⁻¹ m``, by the eigenvalues of
+    ``√Q M √Q``, which keeps the information positive semidefinite however unequal the columns' scales are.
     """
     values, vectors = np.linalg.eigh(information * std * std[:, None])
     values = values.clip(0.0)[..., None, :]
@@ -71,12 +67,8 @@ class NormalEquations(NamedTuple):
 
 
 class RegressionAccumulator:
-    """Accumulates one balance's regression: normal equations, noise variance, correlation of errors.
-
-    Parameters
-    ----------
-    balance : which. effects : prior mean and spread of its coefficients, and initial noise.
-    """
+    """Accumulates one balance's regression: normal equations, noise variance, correlation of errors. Of the
+    effects it takes the coefficients' mean and the initial noise."""
 
     def __init__(self, balance: Balance, effects: Effects) -> None:
         self.balance = balance
@@ -91,19 +83,12 @@ class RegressionAccumulator:
         self.level: Array = np.zeros((1, effects.mean.size + 1))
 
     def equations(self, blocks: Sequence[RegressionBlock]) -> list[NormalEquations]:
-        """Normal equations of frames.
-
-        Parameters
-        ----------
-        blocks : rows of one frame or more, with `TAIL_BINS` before them.
-        """
+        """Normal equations of one frame or more, whose rows the blocks hold with `TAIL_BINS` before them."""
         count = (blocks[0].y.size - TAIL_BINS) // FRAME_BINS
         if self.balance.lines or self.balance.bins_per_row > 1:
-            starts = range(0, count * FRAME_BINS, FRAME_BINS)
-            return [
-                self._frame_equations([s.part(slice(k, k + TAIL_BINS + FRAME_BINS)) for s in blocks])
-                for k in starts
-            ]
+            [(y, x, ok, _)] = blocks
+            frames = (slice(k * FRAME_BINS, (k + 1) * FRAME_BINS + TAIL_BINS) for k in range(count))
+            return [self._frame_equations(self._rows(y[f], x[f], ok[f])) for f in frames]
         n = self.size
         gram, noise, rows = np.zeros((count, n + 1, n + 1)), np.zeros((count, n, n)), np.zeros(count)
         for y, x, ok, noisy in blocks:
@@ -118,12 +103,9 @@ class RegressionAccumulator:
         self.variance_sum, self.weight = usual.tolist()
         return [*map(NormalEquations, information, vector, rows.tolist(), variance.tolist())]
 
-    def _frame_equations(self, blocks: Sequence[RegressionBlock]) -> NormalEquations:
+    def _frame_equations(self, rows: Array) -> NormalEquations:
         """Normal equations of one frame whose rows are means of several bins, or spectral lines."""
-        n = blocks[0].x.shape[1]
-        parts = [self._rows(y, x, ok) for y, x, ok, _ in blocks]
-        rows = np.concatenate(parts) if len(parts) > 1 else parts[0]
-        free = float(rows.shape[0])
+        n, free = rows.shape[1] - 1, float(rows.shape[0])
         if free < LEAST_ROWS // self.balance.bins_per_row:
             none = np.zeros((self.size, self.size))
             return NormalEquations(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
@@ -169,9 +151,8 @@ class RegressionAccumulator:
         left = y - scaled @ np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(scale.size), scaled.T @ y)
         square = max(float(left @ left), 1e-300)
         rho = float(left[1:] @ left[:-1]) / square
-        rho += (
-            1.0 + 3.0 * rho
-        ) / y.size  # bias of the lag-one correlation of few rows (doi 10.1093/biomet/41.3-4.390)
+        # Bias of the lag-one correlation of few rows (doi 10.1093/biomet/41.3-4.390).
+        rho += (1.0 + 3.0 * rho) / y.size
         rho = min(max(rho, 0.0), MOST_COLOUR)
         free = max(y.size - scale.size, 0.3 * y.size)
         found = square / free * (1.0 + rho) / (1.0 - rho)

@@ -72,12 +72,8 @@ def viscosity_ratio(oil: Oil, temperature: ArrayLike) -> Array:
 
 
 def free_air(pressure: ArrayLike, index: float) -> tuple[Array, Array]:
-    """g(p), volume of free air over that at atmospheric pressure, and c(p) = -dg/dp, 1/Pa.
-
-    Parameters
-    ----------
-    pressure : (…) Pa. index : polytropic.
-    """
+    """g(p), volume of free air over that at atmospheric pressure, and c(p) = -dg/dp, 1/Pa, at pressures (…)
+    in Pa by a polytropic index."""
     absolute = np.maximum(np.asarray(pressure, dtype=np.float64) + ATMOSPHERE_PA, LEAST_PA)
     gas = (ATMOSPHERE_PA / absolute) ** (1.0 / index)
     return np.asarray(gas), np.asarray(gas / (index * absolute))
@@ -123,12 +119,8 @@ def modulus_at(oil: Oil, pressure: float) -> float:
 
 @njit()
 def _log_density(pressure: float, oil: Array) -> tuple[float, float]:
-    """ln ρ of a chamber's oil at an absolute pressure (Pa) and its compliance (1/Pa).
-
-    Parameters
-    ----------
-    oil : 1/Pa without air, share of free air, polytropic index, atmosphere (Pa).
-    """
+    """ln ρ of a chamber's oil at an absolute pressure (Pa) and its compliance (1/Pa), by the oil's 1/Pa
+    without air, share of free air, polytropic index, and atmosphere (Pa)."""
     stiff, air, index, atmosphere = oil
     absolute = max(pressure, LEAST_PA)
     gas = (atmosphere / absolute) ** (1.0 / index)
@@ -198,7 +190,7 @@ def chambers_from_difference(
     unit : its volumes, bulk modulus, accumulator and case leakage.
     accumulator : (n,) Pa, NaN where it is not known.
     noise : (n,) Pa, standard deviation of the difference's: its peaks lift nothing. viscosity : over the
-        reference's. state : (3,), NaN at first; kept for the bins that follow.
+        reference's. state : (3,), NaN, 0 and NaN at first; kept for the bins that follow.
 
     Returns
     -------
@@ -210,7 +202,7 @@ def chambers_from_difference(
     one = np.maximum(cylinder.volume_1 + cylinder.area_1 * moved, 1e-9)
     two = np.maximum(cylinder.volume_2 - cylinder.area_2 * moved, 1e-9)
     drain = 2.0 * unit.pump.case_leakage / viscosity * np.ones_like(known)
-    if unit.cylinder.needs_pilots:
+    if cylinder.needs_pilots:
         drain = np.full_like(known, np.inf)
     air, index = unit.oil.air_fraction, unit.oil.polytropic_index
     oil = np.array([stiff_compliance(unit.oil), air, index, ATMOSPHERE_PA])
@@ -234,12 +226,8 @@ def sure_mean_pressure(
 ) -> Array:  # fmt: skip
     """Mean chamber pressure (n,) Pa, NaN where `DRAINS` disagree whether a valve feeds the lower chamber.
 
-    The higher chamber's pressure then rises by all that the difference does, or by half.
-
-    Parameters
-    ----------
-    states : (len(DRAINS), 3), NaN, 0 and NaN at first; kept for the bins that follow. Others as of
-        `chambers_from_difference`.
+    The higher chamber's pressure then rises by all that the difference does, or by half. All as for
+    `chambers_from_difference`, with a state for each of `DRAINS`.
     """
     rise = np.maximum(0.5 * np.abs(difference) - 0.5 * np.nan_to_num(noise), 0.0)
     fed, means = [], []
