@@ -183,4 +183,5 @@ def test_compiled_functions_are_kept_by_all_that_they_hold() -> None:
             assert "numba.njit" not in source or "cache=True" not in source, where
         if "import njit" in source:
             assert f"from {package}.compiled import njit" in source, where
+        if "@njit(" in source:
             assert {package_of(m) for m in foreign(ast.parse(source))} <= set(COMPILING[package]), where

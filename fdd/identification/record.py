@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fdd.errors import InputError
 from fdd.logs.conversion import accumulate_speed
 from fdd.logs.quality import sample_numbers
-from fdd.residuals.hidden_pressures import chambers_from_difference
+from fdd.residuals.oil import chambers_from_difference
 from fdd.samples import PRESSURES, Samples, missing_required
 from fdd.unit import Unit
 

@@ -70,9 +70,7 @@ class Tracker:
 def tracker_named(name: str) -> Addition:
     """The entry point of a tracker.
 
-    Raises
-    ------
-    InputError : no installed package has one of this name, or several have.
+    Raises InputError: no installed package has one of this name, or several have.
     """
     found = additions(TRACKERS)
     mine = [a for a in found if a.name == name]
@@ -90,15 +88,9 @@ def tracker_named(name: str) -> Addition:
 
 
 class AddedTracker:
-    """Runs a package's tracker over bins, and keeps what it says.
+    """Runs a package's tracker, by the name of its entry point, over bins, and keeps what it says.
 
-    Parameters
-    ----------
-    name : of the entry point. unit : profile.
-
-    Raises
-    ------
-    InputError : no such tracker.
+    Raises InputError: no such tracker.
     """
 
     def __init__(self, name: str, unit: Unit) -> None:
@@ -115,15 +107,9 @@ class AddedTracker:
         self._quantities = {name: array("d") for name in OBSERVABLE}  # value and deviation in turns
 
     def push(self, first: int, bins: Array) -> None:
-        """Take bins of whole frames.
+        """Take bins of whole frames, and the first one's index, as `fdd.residuals.bins.BinMaker` gives them.
 
-        Parameters
-        ----------
-        first : index of the first frame. bins : as `fdd.residuals.bins.BinMaker` gives them.
-
-        Raises
-        ------
-        InputError : the package gave no usable tracker.
+        Raises InputError: the package gave no usable tracker.
         """
         if not len(bins) or self.problem is not None:
             return

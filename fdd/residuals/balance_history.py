@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS
+from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS, below
 from fdd.residuals.effects import Effects, LogConditions, viscous_change, with_logs
 from fdd.residuals.epochs import Epochs
-from fdd.residuals.normal_equations import NormalEquations, marginalised
+from fdd.residuals.normal_equations import RECENT_FRAMES, NormalEquations, RegressionAccumulator, marginalised
 from fdd.residuals.quantities import Quantities, Scales, settled
-from fdd.residuals.regression_accumulator import RECENT_FRAMES, RegressionAccumulator
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -33,11 +32,7 @@ MOST_FRAMES = 20
 
 class BalanceHistory:
     """All balances of an axis: a window of frames, the reference before it, and the epochs of its life.
-
-    Parameters
-    ----------
-    unit : profile. effects : balance name to the effects of this unit.
-    """
+    `effects` has this unit's by balance."""
 
     def __init__(self, unit: Unit, effects: dict[str, Effects]) -> None:
         self.unit = unit
@@ -157,9 +152,8 @@ class BalanceHistory:
         for k in first[:-1]:
             frame, variance = equations[k], equations[first[-1]].variance
             share = frame.variance / variance
-            equations[k] = NormalEquations(
-                share * frame.information, share * frame.vector, frame.rows, variance
-            )
+            wide, kept = share * frame.information, share * frame.vector
+            equations[k] = NormalEquations(wide, kept, frame.rows, variance)
         return equations
 
     def _misfit(self, name: str, equations: list[NormalEquations]) -> Array:
@@ -179,9 +173,8 @@ class BalanceHistory:
     def misfits(self) -> tuple[Array, list[str], Array]:
         """Ends of the last frames (m,), balances' names and how badly each closed (m, balances)."""
         seen = np.array(self._misfits).reshape(-1, len(BALANCES))
-        ends = np.empty(0)
-        if len(seen):
-            ends = np.asarray((self.frames[-1] - np.arange(len(seen))[::-1] + 1) * FRAME_S, dtype=np.float64)
+        last = self.frames[-1] if len(seen) else 0
+        ends = (last - np.arange(len(seen))[::-1] + 1) * FRAME_S
         used = np.isfinite(seen).any(axis=0)
         names = [n for n, u in zip(BALANCES, used, strict=True) if u]
         return np.asarray(ends, dtype=np.float64), names, np.asarray(np.nan_to_num(seen[:, used]))
@@ -192,11 +185,8 @@ class BalanceHistory:
 
         A reference made of older frames is what the unit was like then; its covariance grows by
         the changes within a healthy log. What came while a fault was active is no reference: of that the
-        latest frames are kept, and some from before its onset for comparison.
-
-        Parameters
-        ----------
-        fault_intervals : s, onset and end of faults; inf for active ones.
+        latest frames are kept, and some from before its onset for comparison. `fault_intervals` (s) are
+        onset and end of faults; inf for active ones.
         """
         part = window // 5
         while len(self.frames) > window + part:
@@ -222,13 +212,9 @@ class BalanceHistory:
     def begin_anew(self, fault_intervals: Sequence[tuple[float, float]], together: int) -> None:
         """After a stop start from the unit's baseline again, as at the start of a log.
 
-        The log before the stop says no more than other logs of the unit. With an active fault, or without a
-        baseline, the reference stays.
-
-        Parameters
-        ----------
-        fault_intervals : as for `fold`. together : frames that are looked at together; the next one is the
-            first of them.
+        The log before the stop says no more than other logs of the unit. With an active fault
+        (`fault_intervals` as for `fold`), or without a baseline, the reference stays. The next frame is the
+        first of `together` that are looked at together.
         """
         self.taken += -self.taken % together
         if any(np.isinf(end) for _, end in fault_intervals):
@@ -246,14 +232,15 @@ class BalanceHistory:
 
     def _learn(self, places: NDArray[np.int64]) -> None:
         """Update the reference by frames (Bayesian update of mean and covariance)."""
-        before = self.held_against()
-        for name, e in before.items():
+        reference = {}
+        for name, e in self.held_against().items():
             wide = self._marginalised(name)
             prior = np.linalg.inv(e.covariance)
             covariance = np.linalg.inv(prior + sum(wide[k][0] for k in places))
             mean = covariance @ (prior @ e.mean + sum(wide[k][1] for k in places))
             covariance = 0.5 * (covariance + covariance.T) + np.diag(np.square(e.within))
-            self.reference = {**self.reference, name: replace(e, mean=mean, covariance=covariance)}
+            reference[name] = replace(e, mean=mean, covariance=covariance)
+        self.reference = reference
 
     def _retire(self, places: NDArray[np.int64]) -> None:
         """Move frames from the window to the epochs, with or without an active fault."""
@@ -269,8 +256,7 @@ class BalanceHistory:
         self._drop(np.flatnonzero((start <= at) & (at < end)))
 
     def _drop(self, places: NDArray[np.int64]) -> None:
-        gone = set(places.tolist())
-        kept = [k for k in range(len(self.frames)) if k not in gone]
+        kept = np.delete(np.arange(len(self.frames)), places).tolist()
         for name in BALANCES:
             wide = self._marginalised(name)
             self.equations[name] = [self.equations[name][k] for k in kept]
@@ -295,13 +281,9 @@ class BalanceHistory:
             out[f"{name}/level"] = regression.level
             out[f"{name}/phasors"] = regression.phasors
             out[f"{name}/lengths"] = np.array([len(r) for r in regression.recent])
-            out[f"{name}/recent"] = (
-                np.concatenate(regression.recent) if regression.recent else np.empty((0, 0))
-            )
-            out[f"{name}/mean"], out[f"{name}/covariance"] = (
-                self.reference[name].mean,
-                self.reference[name].covariance,
-            )
+            out[f"{name}/recent"] = np.concatenate(regression.recent or [np.empty((0, 0))])
+            out[f"{name}/mean"] = self.reference[name].mean
+            out[f"{name}/covariance"] = self.reference[name].covariance
         out |= {f"epochs/{k}": v for k, v in self.epochs.state().items()}
         return {k: np.array(v) for k, v in out.items()}
 
@@ -309,17 +291,15 @@ class BalanceHistory:
         """Go on from what `state` gave for the same unit."""
         self.frames = [int(h) for h in state["frames"]]
         self.tail = state["tail"].copy()
-        epochs = {k.removeprefix("epochs/"): v for k, v in state.items() if k.startswith("epochs/")}
-        self.epochs.restore(epochs)
+        self.epochs.restore(below(state, "epochs/"))
         self.folded, self.taken, self.last = (int(x) for x in state["folded"])
         self._accumulator = float(state["accumulator"])
         self.surroundings = state["surroundings"].tolist()
-        self._misfits = [[float(x) for x in row] for row in state["misfits"]]
+        self._misfits = state["misfits"].tolist()
+        reference: dict[str, Effects] = {}
         for name, regression in self.regressions.items():
             m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")
-            self.equations[name] = [
-                NormalEquations(m[i], v[i], float(r[i]), float(s[i])) for i in range(len(self.frames))
-            ]
+            self.equations[name] = [*map(NormalEquations, m, v, r.tolist(), s.tolist())]
             self._marginal[name] = []
             regression.weight, regression.variance_sum = (float(x) for x in state[f"{name}/noise"])
             regression.level = state[f"{name}/level"].copy()
@@ -327,10 +307,8 @@ class BalanceHistory:
             ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
             regression.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
             mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
-            self.reference = {
-                **self.reference,
-                name: replace(self.effects[name], mean=mean, covariance=covariance),
-            }
+            reference[name] = replace(self.effects[name], mean=mean, covariance=covariance)
+        self.reference = reference
 
 
 def _stacked(equations: list[NormalEquations], n: int) -> tuple[Array, Array, Array, Array]:

@@ -30,19 +30,49 @@ from numpy.typing import NDArray
 from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.bins import BIN_S, FRAME_BINS, GAS_S
 from fdd.residuals.quantities import (
-    PILOT,
     VALVE_MARGIN_PA,
     Quantities,
     central,
     change,
+    fed_chambers,
     middle,
-    outlet_loss,
     settled,
 )
 from fdd.tolerances import RELIEF_SHUT
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+LEAST_INLET_PA = -3e4
+"""Pa gauge at its inlet, below which a gear pump no longer fills: data sheets ask for 0.7 to 0.8 bar
+absolute."""
+PILOT_CLOSES = 12
+"""Bins that a piloted check valve takes to close beyond those of a plain one: with a time constant of 20 to
+30 ms it passes a hundredth of its flow after another 0.1 s."""
+AERATION = 0.025
+"""Free air of severity 1: volume at atmospheric pressure over that of oil."""
+SLIDING_M_S = 1e-3
+"""m/s of plastic travel from which a seal slides: what it gave before is taken up (see `_friction`)."""
+LAG_S = 0.01
+"""s of a pressure behind the piston's motion, by its sensor and by what the load compresses, that the force
+balance counts in."""
+STANDING = 0.02
+"""Share of the largest speed up to which the pump may be at standstill; above it friction opposes the
+turning."""
+ORDERS = (1.0, 2.0)
+"""Orders of the shaft at which a worn or misaligned coupling shows."""
+STEADY = 0.88
+"""Slowest speed over the fastest of a frame in which the shaft's lines are sought."""
+SPARE = 0.7
+"""Share of current limit and largest speed below which a drive has torque and voltage to spare, also one
+whose limit is lowered by a degraded motor (20 %)."""
+STEADY_BINS, STEADY_CHANGE, LEAST_COMMAND = 20, 0.05, 0.1
+"""Bins, and change of the command in them over the largest speed: slower, a drive needs little torque to
+accelerate. Least command over the largest speed: near standstill load and friction turn it as well."""
+GAS_WORK = 1.0 - 1.0 / 1.4
+"""Of a change of ln p, what the gas's temperature changes by before it has lost the heat."""
+GAS_WARMED = 0.5 / 300.0
+"""1/K of the gas, which warms by about half of what the oil does."""
 
 
 class RegressionBlock(NamedTuple):
@@ -59,11 +89,6 @@ class RegressionBlock(NamedTuple):
     x: Array
     valid: Flags
     noise: Array | None = None
-
-    def part(self, rows: slice) -> RegressionBlock:
-        """Some of its rows."""
-        noise = None if self.noise is None else self.noise[rows]
-        return RegressionBlock(self.y[rows], self.x[rows], self.valid[rows], noise)
 
 
 @dataclass(frozen=True)
@@ -103,11 +128,6 @@ class Balance:
         return np.array([c not in self.free for c in self.columns])
 
 
-LEAST_INLET_PA = -3e4
-"""Pa gauge at its inlet, below which a gear pump no longer fills: data sheets ask for 0.7 to 0.8 bar
-absolute."""
-
-
 def _volume(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
     out = []
@@ -116,21 +136,7 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
     case = np.minimum(0.5 * middle(q.p1 + q.p2), p_c + unit.accumulator.case_cracking_pressure)
     weight = q.dt / q.viscosity
     speed = np.abs(q.speed) / scales.speed
-    # The higher chamber is shut where the accumulator lies below it. The lower one may give oil back through
-    # a valve that the other chamber's pressure holds open, but where the unit was seen to keep it. What feeds
-    # it may not be measured, then by its cracking pressure. A line loses pressure between valve and sensor.
-    known = q.chambers_measured & q.accumulator_measured
-    higher = LEAST_DROP * scales.pressure
-    lower = np.inf if unit.accumulator.refeed_pilots else VALVE_MARGIN_PA + higher
-    sure = max(VALVE_MARGIN_PA + unit.accumulator.refeed_cracking_pressure, higher)
-    loss = {side: outlet_loss(unit, np.nan_to_num(q.speed), side) for side in (1, 2)}
-    fed = {}
-    for side, p, drop in ((1, q.p1, q.drop - loss[1]), (2, q.p2, -q.drop - loss[2])):
-        margin = np.where(drop > higher, VALVE_MARGIN_PA + loss[side], lower + loss[1] + loss[2])
-        fed[side] = np.where(known, ~(p >= q.accumulator + margin), ~(drop > sure))
-    if unit.cylinder.needs_pilots:
-        for side, p, other in ((1, q.p1, q.p2), (2, q.p2, q.p1)):
-            fed[side] |= known & ~(p - q.accumulator > PILOT * (other - q.accumulator))
+    fed = fed_chambers(q)
     starved = np.minimum(q.p1, q.p2) < LEAST_INLET_PA
     # What the pump sweeps arrives denser, by half of ln ρ_1 - ln ρ_2 where it moves its ports' mean density.
     # It loses as much again whichever way it turns where it fills at its inlet, and more by what its dead
@@ -138,12 +144,10 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
     swept = 0.5 * unit.pump.displacement * q.turn
     gas = AERATION * (q.chambers[2].gas - q.chambers[1].gas)
     denser = q.chambers[1].stiff * middle(q.drop) + unit.oil.air_fraction / AERATION * gas
-    for side, sign, p, area in ((1, 1.0, q.p1, unit.cylinder.area_1), (2, -1.0, q.p2, unit.cylinder.area_2)):
-        mid = middle(p)
+    for side, (sign, area, p, oil_volume, stiff, free, air, _) in q.chambers.items():
+        mid, dp = middle(p), change(p)
         drop = sign * middle(q.drop)
         above = np.sqrt(np.maximum(mid - p_c, 0.0))
-        dp = change(p)
-        oil_volume, stiff, free, air, _ = q.chambers[side]
         y = sign * (2.0 * swept - area * q.travel)
         lag = sign * unit.pump.displacement * change(q.turn)
         s1, s2 = float(side == 1), float(side == 2)
@@ -180,20 +184,6 @@ def _volume(q: Quantities) -> list[RegressionBlock]:
         noise[:, 1, 6] = -noise[:, 0, 6]
         out.append(RegressionBlock(y, x, ok, np.nan_to_num(noise)))
     return out
-
-
-PILOT_CLOSES = 12
-"""Bins that a piloted check valve takes to close beyond those of a plain one: with a time constant of 20 to
-30 ms it passes a hundredth of its flow after another 0.1 s."""
-AERATION = 0.025
-"""Free air of severity 1: volume at atmospheric pressure over that of oil."""
-SLIDING_M_S = 1e-3
-"""m/s of plastic travel from which a seal slides: what it gave before is taken up (see `_friction`)."""
-LAG_S = 0.01
-"""s of a pressure behind the piston's motion, by its sensor and by what the load compresses, that the force
-balance counts in."""
-LEAST_DROP = 3e-3
-"""Of relief pressure: drop between the chambers that a pressure sensor's noise does not turn round."""
 
 
 def _force(q: Quantities) -> list[RegressionBlock]:
@@ -239,14 +229,9 @@ def _force(q: Quantities) -> list[RegressionBlock]:
     return [RegressionBlock(y[shifted], x[shifted], valid[shifted])]
 
 
-STANDING = 0.02
-"""Share of the largest speed up to which the pump may be at standstill; above it friction opposes the
-turning."""
-
-
 def _torque(q: Quantities) -> list[RegressionBlock]:
     unit, scales = q.unit, q.scales
-    drop = middle(np.where(q.chambers_measured, q.drop, q.difference_measured)) / scales.pressure
+    drop = middle(q.drop_measured) / scales.pressure
     sense = np.tanh(q.speed / (0.01 * scales.speed))
     share = q.speed / scales.speed
     turning = (
@@ -264,7 +249,7 @@ def _torque(q: Quantities) -> list[RegressionBlock]:
 def _shaft(q: Quantities) -> list[RegressionBlock]:
     scales = q.scales
     y = q.take["windowed_current"] / scales.current
-    drop = np.where(q.chambers_measured, q.drop, q.difference_measured) / scales.pressure
+    drop = q.drop_measured / scales.pressure
     turning = np.full_like(y, np.nan)
     turning[1:-1] = 0.5 * (q.speed[2:] - q.speed[:-2]) / BIN_S
     turning *= q.unit.drive.inertia / (q.unit.drive.torque_constant * scales.current)
@@ -278,14 +263,6 @@ def _shaft(q: Quantities) -> list[RegressionBlock]:
     # A bin late, as the acceleration asks for the next bin: else the last one at hand would be lost.
     late = np.roll(np.arange(y.size), 1)
     return [RegressionBlock(y[late], x[late], (np.isfinite(y) & _turning(q))[late])]
-
-
-ORDERS = (1.0, 2.0)
-"""Orders of the shaft at which a worn or misaligned coupling shows."""
-
-
-STEADY = 0.88
-"""Slowest speed over the fastest of a frame in which the shaft's lines are sought."""
 
 
 def _turning(q: Quantities) -> Flags:
@@ -316,12 +293,10 @@ def _refeed(q: Quantities) -> list[RegressionBlock]:
     # between them, or begins on one, is a valve's.
     known = q.accumulator_measured.astype(np.float64)
     hidden = (1.0 - known) * q.scales.charge / q.scales.valve
-    for side, sign, p, other, area in (
-        (1, 1.0, q.p1, q.p2, q.unit.cylinder.area_1),
-        (2, -1.0, q.p2, q.p1, q.unit.cylinder.area_2),
-    ):
+    for side, chamber in q.chambers.items():
+        p, other = chamber.pressure, q.chambers[3 - side].pressure
         y = (q.accumulator - p) / q.scales.valve
-        rod = sign * (area - 0.5 * (q.unit.cylinder.area_1 + q.unit.cylinder.area_2))
+        rod = chamber.sign * (chamber.area - 0.5 * (q.unit.cylinder.area_1 + q.unit.cylinder.area_2))
         inflow = np.maximum(rod * q.velocity, 0.0) / (q.unit.pump.displacement * q.scales.speed)
         s1, s2 = float(side == 1), float(side == 2)
         x = np.column_stack([
@@ -333,32 +308,18 @@ def _refeed(q: Quantities) -> list[RegressionBlock]:
     return out
 
 
-SPARE = 0.7
-"""Share of current limit and largest speed below which a drive has torque and voltage to spare, also one
-whose limit is lowered by a degraded motor (20 %)."""
-STEADY_BINS, STEADY_CHANGE, LEAST_COMMAND = 20, 0.05, 0.1
-"""Bins, and change of the command in them over the largest speed: slower, a drive needs little torque to
-accelerate. Least command over the largest speed: near standstill load and friction turn it as well."""
-
-
 def _drive(q: Quantities) -> list[RegressionBlock]:
     command = q.take["command"] / q.scales.speed
     speed = np.where(np.isfinite(q.take["pump_speed"]), q.take["pump_speed"], q.speed) / q.scales.speed
     before = np.roll(command, 1)
     x = np.column_stack([command, command - before, before - np.roll(command, 5)])
-    drop = np.where(q.chambers_measured, q.drop, q.difference_measured) / q.scales.pressure
     current = q.take["motor_current"]
-    current = np.where(np.isfinite(current), current, q.scales.current * drop)
+    by_drop = q.scales.current * (q.drop_measured / q.scales.pressure)
+    current = np.where(np.isfinite(current), current, by_drop)
     spare = (np.abs(current) < SPARE * q.unit.drive.current_limit) & (np.abs(speed) < SPARE)
     steady = np.abs(command - np.roll(command, STEADY_BINS)) < STEADY_CHANGE
     steady &= np.abs(command) > LEAST_COMMAND
     return [RegressionBlock(speed, x, np.isfinite(speed) & spare & steady)]
-
-
-GAS_WORK = 1.0 - 1.0 / 1.4
-"""Of a change of ln p, what the gas's temperature changes by before it has lost the heat."""
-GAS_WARMED = 0.5 / 300.0
-"""1/K of the gas, which warms by about half of what the oil does."""
 
 
 def _reservoir(q: Quantities) -> list[RegressionBlock]:
@@ -369,9 +330,8 @@ def _reservoir(q: Quantities) -> list[RegressionBlock]:
     y = change(isothermal + hot)  # growth of the gas, in its volume at charge
     gas, oil = unit.accumulator.gas_volume, unit.oil
     held = np.zeros_like(y)
-    for side, p in ((1, q.p1), (2, q.p2)):
-        c = q.chambers[side]
-        held += c.oil * (c.stiff + c.air) * change(p)
+    for c in q.chambers.values():
+        held += c.oil * (c.stiff + c.air) * change(c.pressure)
     contents = unit.cylinder.volume_1 + unit.cylinder.volume_2 + unit.accumulator.oil_at_rest
     warmed = oil.thermal_expansion * contents / gas + GAS_WARMED
     x = np.column_stack([

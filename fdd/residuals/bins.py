@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import NormalDist
 
@@ -18,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
-from fdd.residuals.filters import follow, friction, windowed_means
-from fdd.residuals.hidden_pressures import DRAINS, sure_mean_pressure
-from fdd.residuals.oil import viscosity_ratio
+from fdd.residuals.compiled import follow, friction, windowed_means
+from fdd.residuals.oil import DRAINS, sure_mean_pressure, viscosity_ratio
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -83,39 +81,34 @@ LOWER_QUARTILE = np.array(
 plotting positions (1978, doi 10.1016/0022-1694(78)90017-3)."""
 
 
-@dataclass
 class BinMaker:
     """Samples in, bins of complete frames out.
 
     Parameters
     ----------
     unit : its sensors' zeros and gains are taken out. together : frames that are given at a time.
+
+    Attributes
+    ----------
+    frame : index of the first frame not yet given. jumps : begin, end and decision (s) of the position's
+        jumps, as `fdd.sensors.SensorWatch.take_jumps` gives them: no piston moved there.
     """
 
-    unit: Unit
-    together: int = 1
-    frame: int = -1
-    """Index of the first frame not yet given."""
-    _first: int = 0
-    _waiting: list[Samples] = field(default_factory=list)
-    _seal: Array = field(default_factory=lambda: np.zeros(2))
-    _last: tuple[float, float] = (np.nan, np.nan)
-    _turned: Array = field(default_factory=lambda: np.full(3, np.nan))
-    """Time, angle and speed of the last sample: what the pump's missing signal goes on from."""
-    _celsius: float = np.nan
-    """The oil's last known temperature: it changes slowly, and is measured seldom."""
-    _lags: Array = field(default_factory=lambda: np.full(1 + len(WARMING_S), np.nan))
-    """ln Pa and °C: the accumulator's mean pressure, and the oil's two mean temperatures."""
-    _noise: Array = field(default_factory=lambda: np.full((NOISE_FRAMES, 1 + _ANGLES.size), np.nan))
-    """Root of the spectral density of noise in the last frames: of Δp, and of the chambers' pressures, over
-    their sensors' own, `MIXED`."""
-
-    _hidden: Array = field(default_factory=lambda: np.tile([np.nan, 0.0, np.nan], (len(DRAINS), 1)))
-    _tank: float = np.nan
-    """What `sure_mean_pressure` goes on from, and the accumulator's pressure as last known, Pa."""
-    jumps: list[tuple[float, float, float]] = field(default_factory=list)
-    """Begin, end and decision (s) of the position's jumps, as `fdd.sensors.SensorWatch.take_jumps` gives
-    them: no piston moved there."""
+    def __init__(self, unit: Unit, together: int = 1) -> None:
+        self.unit, self.together = unit, together
+        self.frame, self._first = -1, 0
+        self.jumps: list[tuple[float, float, float]] = []
+        self._waiting: list[Samples] = []
+        self._memory = {
+            "seal": np.zeros(2),  # of `friction`
+            "last": np.full(2, np.nan),  # time and position that it goes on from
+            "turned": np.full(3, np.nan),  # time, angle and speed that the pump's missing signal goes on from
+            "celsius": np.full(1, np.nan),  # as last known: it changes slowly, and is measured seldom
+            "lags": np.full(1 + len(WARMING_S), np.nan),  # ln Pa of the gas's mean, °C of the oil's two means
+            "noise": np.full((NOISE_FRAMES, 1 + _ANGLES.size), np.nan),  # by `_root_density`
+            "hidden": np.tile([np.nan, 0.0, np.nan], (len(DRAINS), 1)),  # of `sure_mean_pressure`
+            "tank": np.full(1, np.nan),  # Pa, the accumulator's pressure as last known
+        }
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
         """Bins of the frames that the samples complete, `together` at a time.
@@ -145,7 +138,7 @@ class BinMaker:
             if a in starts:
                 yield self.push(None)
                 self.frame = -1
-                self._hidden[:, 0] = np.nan  # meanwhile the case drain has let the mean down
+                self._memory["hidden"][:, 0] = np.nan  # meanwhile the case drain has let the mean down
             yield self.push(samples.rows(a, b))
 
     def rest(self) -> tuple[int, Array]:
@@ -174,11 +167,10 @@ class BinMaker:
     def state(self) -> dict[str, Array]:
         """What waits, and the filters' memory, as flat named arrays."""
         out: dict[str, Array] = {
-            "frame": np.array([self.frame, self._first]), "seal": self._seal.copy(),
-            "last": np.array(self._last), "turned": self._turned.copy(), "celsius": np.array([self._celsius]),
-            "noise": self._noise.copy(), "lags": self._lags.copy(), "hidden": self._hidden.copy(),
-            "tank": np.array([self._tank]), "jumps": np.array(self.jumps).reshape(-1, 3),
-        }  # fmt: skip
+            "frame": np.array([self.frame, self._first]),
+            "jumps": np.array(self.jumps).reshape(-1, 3),
+            **{name: values.copy() for name, values in self._memory.items()},
+        }
         if self._waiting:
             joined = Samples.concatenate(self._waiting)
             out["time"] = joined.time
@@ -188,16 +180,11 @@ class BinMaker:
     def restore(self, state: dict[str, Array]) -> None:
         """Go on from what `state` gave."""
         self.frame, self._first = (int(x) for x in state["frame"])
-        self._seal, self._turned = state["seal"].copy(), state["turned"].copy()
-        self._noise, self._lags = state["noise"].copy(), state["lags"].copy()
-        self._last = (float(state["last"][0]), float(state["last"][1]))
-        self._celsius = float(state["celsius"][0])
-        self._hidden, self._tank = state["hidden"].copy(), float(state["tank"][0])
+        self._memory = {name: state[name].copy() for name in self._memory}
         self.jumps = [(float(a), float(b), float(c)) for a, b, c in state["jumps"]]
         self._waiting = []
         if "time" in state:
-            columns = {k.removeprefix("channel/"): v for k, v in state.items() if k.startswith("channel/")}
-            self._waiting = [Samples(state["time"], columns)]
+            self._waiting = [Samples(state["time"], below(state, "channel/"))]
 
     def _bins(self, samples: Samples, first: int, until: int) -> Array:
         n = len(samples)
@@ -254,8 +241,8 @@ class BinMaker:
             parts = np.split(warm, begin[1:])
             means = {int(h): float(part.mean()) for h, part in zip(of_frame[begin], parts, strict=False)}
             for h in range(until - first):
-                self._celsius = means.get(h, self._celsius)
-                out[h * FRAME_BINS : (h + 1) * FRAME_BINS, COLUMNS["temperature"]] = self._celsius
+                self._memory["celsius"][0] = means.get(h, self._memory["celsius"][0])
+                out[h * FRAME_BINS : (h + 1) * FRAME_BINS, COLUMNS["temperature"]] = self._memory["celsius"]
         for begins, ends, decided in self.jumps:
             # What is decided later must not matter, though this block may reach as far.
             if decided <= until * FRAME_S + 1e-9:
@@ -268,15 +255,13 @@ class BinMaker:
     def _chambers(self, bins: Array) -> None:
         """Fill the chambers' mean pressure by their difference, for logs that measure no more."""
         accumulator, celsius = (bins[:, COLUMNS[n]] for n in ("pressure_accumulator", "temperature"))
-        there = np.isfinite(accumulator)
-        latest = np.maximum.accumulate(np.where(there, np.arange(there.size), -1))
-        tank = np.where(latest >= 0, accumulator[latest], self._tank)
-        self._tank = float(tank[-1])
+        tank = held_on(accumulator, self._memory["tank"][0])
+        self._memory["tank"] = tank[-1:].copy()
         warm = np.where(np.isfinite(celsius), celsius, self.unit.oil.reference_temperature)
         bins[:, COLUMNS["mean_pressure"]] = sure_mean_pressure(
             bins[:, COLUMNS["pressure_difference"]], bins[:, COLUMNS["position"]], BIN_S, self.unit, tank,
             noise=bins[:, COLUMNS["pressure_difference_noise"]],
-            viscosity=viscosity_ratio(self.unit.oil, warm), states=self._hidden,
+            viscosity=viscosity_ratio(self.unit.oil, warm), states=self._memory["hidden"],
         )  # fmt: skip
 
     def _heat(self, bins: Array) -> None:
@@ -284,8 +269,9 @@ class BinMaker:
         pressure = bins[:, COLUMNS["pressure_accumulator"]] + ATMOSPHERE_PA
         known = np.log(np.where(pressure > 0.0, pressure, np.nan))
         slow, warm = np.empty((len(bins), 1)), np.empty((len(bins), len(WARMING_S)))
-        follow(known, self._lags[:1], np.array([BIN_S / GAS_S]), slow)
-        follow(bins[:, COLUMNS["temperature"]], self._lags[1:], BIN_S / np.array(WARMING_S), warm)
+        lags = self._memory["lags"]
+        follow(known, lags[:1], np.array([BIN_S / GAS_S]), slow)
+        follow(bins[:, COLUMNS["temperature"]], lags[1:], BIN_S / np.array(WARMING_S), warm)
         bins[:, COLUMNS["gas_heat"]] = known - slow[:, 0]
         rate = (warm[:, 0] - warm[:, 1]) / (WARMING_S[1] - WARMING_S[0])
         bins[:, COLUMNS["warming"]] = np.nan_to_num(rate)
@@ -316,8 +302,8 @@ class BinMaker:
                 samples = taken[begin[mine, None] + np.arange(int(n))][..., pressures] / own
                 density[mine] = _root_density(samples, each, band)
         enough = rows >= LEAST_SAMPLES
-        kept = np.concatenate([self._noise, density[enough]])
-        self._noise = kept[-NOISE_FRAMES:]
+        kept = np.concatenate([self._memory["noise"], density[enough]])
+        self._memory["noise"] = kept[-NOISE_FRAMES:]
         windows = np.sort(np.lib.stride_tricks.sliding_window_view(kept, NOISE_FRAMES, axis=0), axis=2)
         windows = windows[np.cumsum(enough)]
         known = np.isfinite(windows).sum(axis=2)
@@ -332,7 +318,7 @@ class BinMaker:
     def _turn(self, data: Array) -> None:
         """Where one of the pump's angle and speed is not there, make it from the other."""
         time, angle, speed = (data[:, COLUMNS[n]] for n in ("time", "pump_angle", "pump_speed"))
-        before = self._turned
+        before = self._memory["turned"]
         dt = np.diff(time, prepend=before[0] if np.isfinite(before[0]) else time[0])
         if np.isnan(angle).all() and np.isfinite(speed).any():
             held = np.where(np.isfinite(speed), speed, 0.0)
@@ -343,7 +329,7 @@ class BinMaker:
                 speed[:] = np.diff(angle, prepend=before[1]) / dt
             if np.isnan(before[1]) and speed.size > 1:  # the log's first sample has none before it
                 speed[0] = speed[1]
-        self._turned = np.array([time[-1], angle[-1], speed[-1]])
+        self._memory["turned"] = np.array([time[-1], angle[-1], speed[-1]])
 
     def _friction_reference(self, data: Array) -> None:
         """Fill the friction that a healthy seal would give to the measured travel, at the samples' own rate.
@@ -355,8 +341,9 @@ class BinMaker:
         if not known.any():
             return
         time, position = data[known, COLUMNS["time"]], data[known, COLUMNS["position"]]
-        before = self._last if np.isfinite(self._last[0]) else (time[0] - 1e-3, position[0])
-        self._last = (float(time[-1]), float(position[-1]))
+        last = self._memory["last"]
+        before = last if np.isfinite(last[0]) else (time[0] - 1e-3, position[0])
+        self._memory["last"] = np.array([time[-1], position[-1]])
         dt, step = np.diff(time, prepend=before[0]), np.diff(position, prepend=before[1])
         f = self.unit.friction
         forward, reverse = (
@@ -364,17 +351,20 @@ class BinMaker:
             for b in (f.forward, f.reverse)
         )
         out, film = np.empty(step.size), np.empty(step.size)
-        friction(
-            step,
-            dt,
-            self._seal,
-            forward,
-            reverse,
-            0.5 * (forward[1] + reverse[1]) / PRESLIDING_TRAVEL_M,
-            out,
-            film,
-        )
+        stiffness = 0.5 * (forward[1] + reverse[1]) / PRESLIDING_TRAVEL_M
+        friction(step, dt, self._memory["seal"], forward, reverse, stiffness, out, film)
         data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
+
+
+def below(state: dict[str, Array], prefix: str) -> dict[str, Array]:
+    """The part of a state whose names begin with a prefix, without it."""
+    return {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
+
+
+def held_on(values: Array, before: float) -> Array:
+    """The value last known at each bin, (n,); `before` until the first."""
+    latest = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(values.size), -1))
+    return np.where(latest >= 0, values[latest], before)
 
 
 def _noise_band(samples: int, rate: float) -> NDArray[np.bool_]:

@@ -17,7 +17,12 @@ from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-SHIPPED = "spreads.json"
+UNKNOWN_VISCOSITY = 0.6
+"""Standard deviation of ln viscosity between two logs without a thermometer: 15 K, at 4 %
+a kelvin (ISO VG 32 at 40 °C by Walther's equation)."""
+WARMING = 2e-3
+"""1/s, standard deviation of the rate at which ln viscosity falls while oil warms: 3 K a minute, at 4 % a
+kelvin."""
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
 Positive = Annotated[float, Field(ge=0.0, le=1e12)]
 
@@ -43,12 +48,7 @@ class CoefficientSpread(BaseModel):
 
 
 class BalanceSpread(BaseModel):
-    """One balance's.
-
-    Attributes
-    ----------
-    noise : initial std of a row.
-    """
+    """One balance's; `noise` is the initial std of a row."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
     noise: Positive
@@ -56,12 +56,8 @@ class BalanceSpread(BaseModel):
 
 
 class Spreads(BaseModel):
-    """Variance components of healthy units and logs, as ``fdd train`` learnt them from a population.
-
-    Attributes
-    ----------
-    data : what it was learnt on.
-    """
+    """Variance components of healthy units and logs, as ``fdd train`` learnt them from the population that
+    `data` says."""
 
     model_config = ConfigDict(extra="forbid")
     data: str
@@ -90,7 +86,7 @@ class LogConditions(NamedTuple):
 @cache
 def shipped_spreads() -> Spreads:
     """Those that come with fdd."""
-    return Spreads.model_validate_json((resources.files("fdd.residuals") / SHIPPED).read_text("utf-8"))
+    return Spreads.model_validate_json((resources.files("fdd.residuals") / "spreads.json").read_text("utf-8"))
 
 
 @dataclass(frozen=True)
@@ -161,22 +157,8 @@ def first_effects(name: str, spreads: Spreads | None = None, unit: Unit | None =
     return with_logs(first, usual_conditions(spread.noise))
 
 
-UNKNOWN_VISCOSITY = 0.6
-"""Standard deviation of ln viscosity between two logs without a thermometer: 15 K, at 4 %
-a kelvin (ISO VG 32 at 40 °C by Walther's equation)."""
-
-WARMING = 2e-3
-"""1/s, standard deviation of the rate at which ln viscosity falls while oil warms: 3 K a minute, at 4 % a
-kelvin."""
-
-
 def with_logs(effects: Effects, conditions: LogConditions, viscous: Array | float = 0.0) -> Effects:
-    """The same for a log under these conditions.
-
-    Parameters
-    ----------
-    viscous : (n,), derivative of the coefficients by ln viscosity, from `viscous_change`.
-    """
+    """The same for a log under these conditions; `viscous` (n,) is of `viscous_change`."""
     differs, blind = effects.between_logs(conditions), np.sqrt(conditions.without_thermometer) * viscous
     unknown = UNKNOWN_VISCOSITY**2 * np.outer(blind, blind)
     return replace(

@@ -30,17 +30,7 @@ takes ten times as many, and an onset is known to a fifteenth of its age or bett
 
 
 class Epochs:
-    """Normal equations of each epoch and balance; the last epoch may be incomplete.
-
-    Attributes
-    ----------
-    completed : epochs that were ever completed.
-
-    Examples
-    --------
-    >>> Epochs().starts()
-    array([], dtype=float64)
-    """
+    """Normal equations of each epoch and balance; the last epoch may be incomplete."""
 
     def __init__(self) -> None:
         self._first: list[int] = []
@@ -49,15 +39,11 @@ class Epochs:
         """Frames of the last epoch, while it is not complete."""
         self._sums: list[dict[str, tuple[Array, Array]]] = []
         self.completed = 0
+        """Epochs that were ever completed."""
 
     def add(self, frames: Sequence[int], sums: BalanceSums) -> None:
-        """Take frames.
-
-        Parameters
-        ----------
-        frames : their indices, in order. sums : balance to the sum of their information (n, n) and vectors
-            (n,).
-        """
+        """Take frames by their indices, in order, and the sums of each balance's information (n, n) and
+        vectors (n,) over them."""
         if not self._open:
             self._first.append(frames[0])
             self._levels.append(0)

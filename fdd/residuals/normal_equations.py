@@ -1,25 +1,52 @@
-"""Normal equations of a balance's regression, and the marginal ones where coefficients are random effects."""
+"""Normal equations of a balance's regression, frame by frame, and the marginal ones where coefficients are
+random effects.
+
+A frame is weighted by the variance of its own rows, so a noisy sensor or a gusty minute counts for less.
+Correlated errors, of a load or a slow current, are filtered out of the left side and the columns alike.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.linalg import cholesky, cholesky_solve
+from fdd.residuals.balances import Balance, RegressionBlock
+from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
+from fdd.residuals.compiled import njit
+from fdd.residuals.effects import Effects
+
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+RIDGE = 1e-6
+"""Ridge penalty on columns scaled to one: collinear columns share the effect."""
+LEAST_ROWS = 12
+"""Fewest rows of a stretch of a frame that count."""
+MEMORY = 0.95
+"""Forgetting factor of the noise's statistics from frame to frame: a time constant of ten seconds."""
+RECENT_FRAMES = 20
+"""Frames of that memory where rows themselves are kept."""
+MOST_COLOUR = 0.95
+"""Upper bound of the lag-one correlation of rows: ten seconds do not determine a larger one."""
+NOISE_FLOOR = 0.1
+"""Lower bound of the noise over the unit's usual one: at standstill an encoder may show none."""
+LOAD_S = 1.0
+"""s, time constant of the high-pass filter against a load: in it the load changes as much as friction does
+when the piston reverses."""
+FIRST_WEIGHT = 100.0
+"""Rows that the initial noise counts for."""
 
 
 def marginalised(information: Array, vector: Array, std: Array) -> tuple[Array, Array]:
     """Normal equations with a random effect marginalised: their coefficients differ by N(0, Q = diag(std²))
     from those sought.
 
-    Information ``M (I + Q M)⁻¹`` and vector ``(I + M Q)⁻¹ m``, by the eigenvalues of ``√Q M √Q``, which keeps
-    the information positive semidefinite however unequal the columns' scales are.
-
-    Parameters
-    ----------
-    information, vector : (…, n, n) and (…, n). std : (n,) of the random effect.
+    Information (…, n, n) ``M (I + Q M)⁻¹`` and vector (…, n) ``(I + M Q)⁻¹ m``, by the eigenvalues of
+    ``√Q M √Q``, which keeps the information positive semidefinite however unequal the columns' scales are.
     """
     values, vectors = np.linalg.eigh(information * std * std[:, None])
     values = values.clip(0.0)[..., None, :]
@@ -37,3 +64,266 @@ class NormalEquations(NamedTuple):
     vector: Array
     rows: float
     variance: float
+
+
+class RegressionAccumulator:
+    """Accumulates one balance's regression: normal equations, noise variance, correlation of errors. Of the
+    effects it takes the coefficients' mean and the initial noise."""
+
+    def __init__(self, balance: Balance, effects: Effects) -> None:
+        self.balance = balance
+        self.mean = effects.mean
+        self.size = effects.mean.size
+        self.weight = FIRST_WEIGHT
+        known = balance.cumulative and effects.information.any()
+        self.least = max((1.0 if known else NOISE_FLOOR) * effects.noise, balance.floor) ** 2
+        self.usual = effects.noise**2
+        self.variance_sum = FIRST_WEIGHT * self.usual
+        self.recent: list[Array] = []
+        self.level: Array = np.zeros((1, effects.mean.size + 1))
+        # Of the lines so far, by sense of turning, as cosine and sine.
+        self.phasors: Array = np.zeros((2, balance.lines, 2))
+
+    def equations(self, blocks: Sequence[RegressionBlock]) -> list[NormalEquations]:
+        """Normal equations of one frame or more, whose rows the blocks hold with `TAIL_BINS` before them."""
+        count = (blocks[0].y.size - TAIL_BINS) // FRAME_BINS
+        if self.balance.lines or self.balance.bins_per_row > 1:
+            [(y, x, ok, _)] = blocks
+            frames = (slice(k * FRAME_BINS, (k + 1) * FRAME_BINS + TAIL_BINS) for k in range(count))
+            return [
+                self._frame_equations(self._rows(y[f], x[f], ok[f]), x[f][-FRAME_BINS:, -1]) for f in frames
+            ]
+        n = self.size
+        gram, noise, rows = np.zeros((count, n + 1, n + 1)), np.zeros((count, n, n)), np.zeros(count)
+        for y, x, ok, noisy in blocks:
+            noisy = np.empty((0, 2, n)) if noisy is None else np.ascontiguousarray(noisy)
+            y, x = np.ascontiguousarray(y), np.ascontiguousarray(x)
+            add_rows(y, x, ok, noisy, TAIL_BINS, LEAST_ROWS, self.balance.cumulative, gram, noise, rows)
+        information, vector, variance = np.empty((count, n, n)), np.empty((count, n)), np.empty(count)
+        usual = np.array([self.variance_sum, self.weight])
+        weight_equations(
+            gram, noise, rows, self.mean, LEAST_ROWS, self.least, MEMORY, usual, information, vector, variance
+        )
+        self.variance_sum, self.weight = usual.tolist()
+        return [*map(NormalEquations, information, vector, rows.tolist(), variance.tolist())]
+
+    def _frame_equations(self, rows: Array, sense: Array) -> NormalEquations:
+        """Normal equations of one frame whose rows are means of several bins, or spectral lines, whose last
+        column has the sense of turning."""
+        n, free = rows.shape[1] - 1, float(rows.shape[0])
+        if free < LEAST_ROWS // self.balance.bins_per_row:
+            none = np.zeros((self.size, self.size))
+            return NormalEquations(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
+        gram = rows.T @ rows
+        if self.balance.lines:
+            return self._amplitudes(gram, int(np.nanmean(sense) > 0.0), free)
+        variance = self._coloured(rows)
+        return NormalEquations(gram[:n, :n] / variance, gram[:n, n] / variance, free, variance)
+
+    def _amplitudes(self, gram: Array, sense: int, free: float) -> NormalEquations:
+        """Normal equations of the lines' amplitudes, in phase with the frames before in this sense.
+
+        A line keeps its phase to the shaft's angle. Noise and vibration of another frequency, as stick-slip,
+        do not: their amplitude in that phase has mean zero, where their modulus has not (synchronous
+        averaging: Braun 1975, Acustica 32, 69). A count that the encoder loses shifts the phase, and is
+        forgotten within `MEMORY`.
+        """
+        lines = self.balance.lines
+        n = gram.shape[0] - 1
+        scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
+        inverse = (
+            np.linalg.inv(gram[:n, :n] * scale * scale[:, None] + RIDGE * np.eye(n)) * scale * scale[:, None]
+        )
+        size = inverse @ gram[:n, n]
+        variance = max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least)
+        now, before = size[: 2 * lines].reshape(lines, 2), self.phasors[sense].copy()
+        self.phasors[sense] = MEMORY * before + now
+        spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)
+        self.variance_sum = MEMORY * self.variance_sum + float(spread.mean())
+        self.weight = MEMORY * self.weight + 1.0
+        if not before.any():
+            none = np.zeros((self.size, self.size))
+            return NormalEquations(none, np.zeros(self.size), 0.0, variance)
+        amplitude = np.sum(before * now, axis=1) / np.hypot(before[:, 0], before[:, 1])
+        spread = np.maximum(spread, self.variance_sum / self.weight)
+        return NormalEquations(np.diag(1.0 / spread), amplitude / spread, free, variance)
+
+    def _coloured(self, rows: Array) -> float:
+        """Effective variance of rows with errors of a first-order autoregression.
+
+        It is the mean square residual of the last ten seconds' least squares, times (1 + ρ)/(1 - ρ). The
+        model error of a law (a load's own dynamics) is correlated over more rows than a frame has.
+        """
+        self.recent = [*self.recent[-RECENT_FRAMES + 1 :], rows]
+        joined = np.concatenate(self.recent)
+        x, y = joined[:, :-1], joined[:, -1]
+        scale = 1.0 / np.sqrt(np.square(x).sum(axis=0).clip(1e-300))
+        scaled = x * scale
+        left = y - scaled @ np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(scale.size), scaled.T @ y)
+        square = max(float(left @ left), 1e-300)
+        rho = float(left[1:] @ left[:-1]) / square
+        # Bias of the lag-one correlation of few rows (doi 10.1093/biomet/41.3-4.390).
+        rho += (1.0 + 3.0 * rho) / y.size
+        rho = min(max(rho, 0.0), MOST_COLOUR)
+        free = max(y.size - scale.size, 0.3 * y.size)
+        found = square / free * (1.0 + rho) / (1.0 - rho)
+        # The log's first frames determine their noise badly: the unit's usual one counts as some rows.
+        usual = FIRST_WEIGHT / self.balance.bins_per_row
+        return max((free * found + usual * self.usual) / (free + usual), self.least)
+
+    def _rows(self, y: Array, x: Array, ok: Flags) -> Array:
+        """Regression rows of the frame, means of `Balance.bins_per_row` bins, less what changes slowly; none
+        if they are too few."""
+        joined = np.column_stack([x, y])
+        bins_per_row = self.balance.bins_per_row
+        if bins_per_row > 1:  # the law holds over tens of ms: whitening must not reach where it fails
+            joined = joined.reshape(-1, bins_per_row, joined.shape[1]).mean(axis=1)
+            ok = np.asarray(ok.reshape(-1, bins_per_row).all(axis=1))
+        frame, least = FRAME_BINS // bins_per_row, max(LEAST_ROWS // bins_per_row, 1)
+        if self.balance.lines:  # slow currents are no vibration; columns and left side are filtered alike
+            joined, ok = np.diff(joined, axis=0), ok[1:] & ok[:-1]
+        inside = joined[-frame:][ok[-frame:]]
+        if bins_per_row > 1:
+            inside = self._passed(inside)
+        return inside if inside.shape[0] >= least else inside[:0]
+
+    def _passed(self, rows: Array) -> Array:
+        """High-pass filter against a load that changes slowly.
+
+        It is the prediction error of a random walk under white noise, applied to left side and columns alike.
+        """
+        if not rows.size:
+            return rows
+        if not self.level.any():
+            self.level = -rows[:1]  # as if it had always been so
+        decay = 1.0 - self.balance.bins_per_row * BIN_S / LOAD_S
+        out = np.empty_like(rows)
+        for k in range(rows.shape[0]):  # ten rows a frame: importing scipy.signal would take as long as a log
+            out[k] = rows[k] + self.level[0]
+            self.level = decay * out[k : k + 1] - rows[k : k + 1]
+        return out
+
+
+@njit()
+def add_rows(
+    y: Array, x: Array, ok: Flags, noisy: Array, tail: int, least: int, summed: bool,
+    gram: Array, noise: Array, rows: Array,
+) -> None:  # fmt: skip
+    """Add each frame's regression rows to its normal equations.
+
+    Rows themselves; or, `summed`, their running sums over each unbroken stretch less their mean, in which
+    pressure noise does not add up, without the first one, which the mean makes redundant.
+
+    Parameters
+    ----------
+    y, x, ok : (tail + rows,), (tail + rows, n) and (tail + rows,): rows of a block, the valid ones.
+    noisy : (tail + rows, 2, n) noise that the columns have in these sums, or (0, 2, n).
+    tail : rows before the first frame. least : fewest rows of a stretch, or of a frame, that count.
+    gram, noise, rows : (frames, n + 1, n + 1) of columns and y, (frames, n, n) and (frames,); added to.
+    """
+    frames, n = noise.shape[0], x.shape[1]
+    size = (y.size - tail) // frames
+    part = np.empty((size, n + 1))
+    for h in range(frames):
+        first, last = tail + h * size, tail + (h + 1) * size
+        before = rows[h]
+        count = inside = 0
+        for k in range(first, last + 1):
+            if k < last and ok[k]:
+                inside += 1
+                part[count, :n], part[count, n] = x[k], y[k]
+                if summed and count:
+                    part[count] += part[count - 1]
+                count += 1
+            if k == last or (summed and not ok[k]):
+                if count >= least:
+                    if summed:
+                        _take_means_out(part, count)
+                    begin = 1 if summed else 0
+                    _add_products(part, begin, count, gram[h])
+                    rows[h] += count - begin
+                count = 0
+        if noisy.shape[0] and rows[h] > before:
+            share = (rows[h] - before) / inside
+            for k in range(first, last):
+                if ok[k]:
+                    for c in range(2):
+                        for i in range(n):
+                            for j in range(n):
+                                noise[h, i, j] += share * noisy[k, c, i] * noisy[k, c, j]
+
+
+@njit()
+def _take_means_out(part: Array, count: int) -> None:
+    """Take each column's mean out of the first rows. Numba's own mean would load SciPy's linear algebra."""
+    for j in range(part.shape[1]):
+        mean = 0.0
+        for k in range(count):
+            mean += part[k, j]
+        mean /= count
+        for k in range(count):
+            part[k, j] -= mean
+
+
+@njit()
+def _add_products(part: Array, begin: int, end: int, gram: Array) -> None:
+    """Add ``part[begin:end]' part[begin:end]`` to a symmetric matrix."""
+    n = part.shape[1]
+    for k in range(begin, end):
+        for i in range(n):
+            for j in range(n):
+                gram[i, j] += part[k, i] * part[k, j]
+
+
+@njit()
+def weight_equations(
+    gram: Array, noise: Array, rows: Array, mean: Array, least: float, lowest: float, memory: float,
+    usual: Array, information: Array, vector: Array, variance: Array,
+) -> None:  # fmt: skip
+    """Divide frames' normal equations by the variance of their rows (weighted least squares).
+
+    The variance is the mean square residual of a frame's own least squares, or that of the last seconds, if
+    more.
+
+    Parameters
+    ----------
+    gram, noise, rows : of `add_rows`. mean : (n,) coefficients of the healthy unit.
+    least : fewest rows of a frame that count. lowest : lower bound of the variance.
+    memory : share of `usual` that is kept from frame to frame.
+    usual : (2,) sum of squares and of weights so far; goes on.
+    information, vector, variance : (frames, n, n), (frames, n) and (frames,), filled.
+    """
+    n = mean.size
+    scaled, root, best, scale = np.empty((n, n)), np.zeros((n, n)), np.empty((1, n)), np.empty(n)
+    for h in range(rows.size):
+        if rows[h] < least:
+            rows[h] = 0.0
+            information[h], vector[h], variance[h] = 0.0, 0.0, usual[0] / usual[1]
+            continue
+        g = gram[h]
+        seen = 0
+        for i in range(n):
+            scale[i] = 1.0 / np.sqrt(max(g[i, i], 1e-300))
+            seen += g[i, i] > 0.0
+        for i in range(n):
+            for j in range(n):
+                scaled[i, j] = g[i, j] * scale[i] * scale[j]
+            scaled[i, i] += RIDGE
+            best[0, i] = g[i, n] * scale[i]
+        cholesky(scaled, root)
+        cholesky_solve(root, best)
+        left = g[n, n]
+        for i in range(n):
+            left -= g[i, n] * scale[i] * best[0, i]
+        left = max(left, 1e-12 * g[n, n])
+        free = max(rows[h] - seen, 0.3 * rows[h])
+        usual[0] = memory * usual[0] + left
+        usual[1] = memory * usual[1] + free
+        variance[h] = max(left / free, usual[0] / usual[1], lowest)
+        # Errors in variables attenuate the coefficients: what they take from the healthy unit's is put back.
+        for i in range(n):
+            back = g[i, n]
+            for j in range(n):
+                back += noise[h, i, j] * mean[j]
+                information[h, i, j] = g[i, j] / variance[h]
+            vector[h, i] = back / variance[h]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
-from fdd.residuals.bins import COLUMNS, FRAME_BINS
+from fdd.residuals.bins import COLUMNS, FRAME_BINS, held_on
 from fdd.residuals.oil import free_air, stiff_compliance, viscosity_ratio
 from fdd.unit import Unit
 
@@ -19,13 +19,11 @@ Flags = NDArray[np.bool_]
 
 VALVE_MARGIN_PA = 5e3
 """How far above the accumulator a chamber must be for its check valve to be surely shut."""
-
-
 PILOT = 4.0
 """Area of a pilot piston over its valve's seat, the largest that is usual: as many times the other chamber's
 pressure above the accumulator's holds the valve open."""
-
-
+LEAST_DROP = 3e-3
+"""Of relief pressure: drop between the chambers that a pressure sensor's noise does not turn round."""
 LINE_LOSS = 0.015
 """Of the relief setting, what a line loses at the pump's full flow, at most: 20 kPa of 3.44 MPa by thesis eq.
 3.33, two and a half times that where it is narrow."""
@@ -70,8 +68,7 @@ class Scales:
         pressure = unit.accumulator.relief_pressure
         branches = (unit.friction.forward, unit.friction.reverse)
         flow = unit.pump.displacement * unit.drive.max_speed
-        gross = 0.05 * flow / (0.5 * pressure)
-        gross = 12e-12 if 2e6 < pressure < 5e6 else gross
+        gross = 12e-12 if 2e6 < pressure < 5e6 else 0.05 * flow / (0.5 * pressure)
         return cls(
             pressure=pressure,
             charge=unit.accumulator.charge_pressure + ATMOSPHERE_PA,
@@ -90,10 +87,14 @@ class Chamber(NamedTuple):
 
     Attributes
     ----------
+    sign : 1 for chamber 1, -1 for chamber 2. area : m² of its piston. pressure : (n,) Pa, of the bins.
     oil : (n,) m³. stiff : 1/Pa, of oil without air. free, air : (n,) 1/Pa, of free air a share, and of the
         unit's own. gas : (n,), volume of free air over that at atmospheric pressure.
     """
 
+    sign: float
+    area: float
+    pressure: Array
     oil: Array
     stiff: float
     free: Array
@@ -112,24 +113,20 @@ class Quantities:
     Attributes
     ----------
     chambers_measured, accumulator_measured : (n,), whether both are, in the bin's frame or the one before.
-    chambers : by side. noise : by side, (n,) Pa, standard deviation of the chamber's pressure.
+    drop_measured : (n,) Pa, by both chambers or by the sensor of their difference. chambers : by side.
+    noise : by side, (n,) Pa, standard deviation of the chamber's pressure.
     accumulator_before : Pa, last known at the end.
     """
 
     def __init__(self, bins: Array, unit: Unit, scales: Scales, accumulator_before: float = np.nan) -> None:
-        self.unit = unit
-        self.scales = scales
-        take = {name: bins[:, i] for name, i in COLUMNS.items()}
-        self.take = take
-        self.position = take["position"]
-        self.angle = take["pump_angle"]
+        self.unit, self.scales = unit, scales
+        self.take = take = {name: bins[:, i] for name, i in COLUMNS.items()}
+        self.position, self.angle = take["position"], take["pump_angle"]
         self.difference_measured = take["pressure_difference"]
         accumulator = take["pressure_accumulator"]
-        there = np.isfinite(accumulator)
-        latest = np.maximum.accumulate(np.where(there, np.arange(there.size), -1))
-        known = np.where(latest >= 0, accumulator[latest], accumulator_before)
+        known = held_on(accumulator, accumulator_before)
         self.accumulator_before = float(known[-1])
-        self.accumulator_measured = _of_late(there)
+        self.accumulator_measured = _of_late(np.isfinite(accumulator))
         # Never measured: its gas takes what room a single rod leaves.
         tank, cylinder = unit.accumulator, unit.cylinder
         rod = (cylinder.area_1 - cylinder.area_2) * np.nan_to_num(self.position)
@@ -148,33 +145,29 @@ class Quantities:
         self.chambers = {side: self._chamber(side) for side in (1, 2)}
         if not self.chambers_measured.all():
             own = take["pressure_difference_noise"]
-            self.noise = {
-                side: np.where(both, noise, own * self._share(side)) for side, noise in self.noise.items()
-            }
+            for side, noise in self.noise.items():
+                self.noise[side] = np.where(both, noise, own * self._share(side))
         self.drop = self.p1 - self.p2
-        self.turn = change(self.angle)
-        self.travel = change(self.position)
+        self.drop_measured = np.where(self.chambers_measured, self.drop, self.difference_measured)
+        self.turn, self.travel = change(self.angle), change(self.position)
         self.dt = change(take["time"])
         self.speed = self.turn / self.dt
-        self.flow = unit.pump.displacement * self.speed
-        area = 0.5 * (unit.cylinder.area_1 + unit.cylinder.area_2)
-        self.velocity = self.flow / area  # of the pump's flow: the position's noise must not enter a column
+        area = 0.5 * (cylinder.area_1 + cylinder.area_2)
+        # Of the pump's flow: the position's noise must not enter a column.
+        self.velocity = unit.pump.displacement * self.speed / area
         celsius = take["temperature"]
-        ratio = viscosity_ratio(
-            unit.oil, np.where(np.isfinite(celsius), celsius, unit.oil.reference_temperature)
-        )
-        self.viscosity = ratio
+        warm = np.where(np.isfinite(celsius), celsius, unit.oil.reference_temperature)
+        self.viscosity = viscosity_ratio(unit.oil, warm)
 
     def _chamber(self, side: int) -> Chamber:
         cylinder, oil = self.unit.cylinder, self.unit.oil
-        sign, area, volume, p = (
-            (1.0, cylinder.area_1, cylinder.volume_1, self.p1)
-            if side == 1
-            else (-1.0, cylinder.area_2, cylinder.volume_2, self.p2)
-        )
+        sign, area, volume, p = {
+            1: (1.0, cylinder.area_1, cylinder.volume_1, self.p1),
+            2: (-1.0, cylinder.area_2, cylinder.volume_2, self.p2),
+        }[side]
         gas, free = free_air(middle(p), oil.polytropic_index)
         held = volume + sign * area * middle(self.position)
-        return Chamber(held, stiff_compliance(oil), free, oil.air_fraction * free, gas)
+        return Chamber(sign, area, p, held, stiff_compliance(oil), free, oil.air_fraction * free, gas)
 
     def _share(self, side: int) -> Array | float:
         """What a chamber's pressure changes by with the measured difference, (n,): all of it while the lower
@@ -185,6 +178,26 @@ class Quantities:
         soft = {k: c.oil * (c.stiff + c.air) for k, c in self.chambers.items()}
         fed = np.minimum(self.p1, self.p2) < least + 1.0
         return np.where(fed, 1.0, soft[3 - side] / (soft[1] + soft[2]))
+
+
+def fed_chambers(q: Quantities) -> dict[int, Flags]:
+    """Where the accumulator may feed a chamber, or take its oil, over the check valve: by side, (n,)."""
+    # The higher chamber is shut where the accumulator lies below it. The lower one may give oil back through
+    # a valve that the other chamber's pressure holds open, but where the unit was seen to keep it. What feeds
+    # it may not be measured, then by its cracking pressure. A line loses pressure between valve and sensor.
+    known = q.chambers_measured & q.accumulator_measured
+    higher = LEAST_DROP * q.scales.pressure
+    lower = np.inf if q.unit.accumulator.refeed_pilots else VALVE_MARGIN_PA + higher
+    sure = max(VALVE_MARGIN_PA + q.unit.accumulator.refeed_cracking_pressure, higher)
+    loss = {side: outlet_loss(q.unit, np.nan_to_num(q.speed), side) for side in (1, 2)}
+    fed = {}
+    for side, p, drop in ((1, q.p1, q.drop - loss[1]), (2, q.p2, -q.drop - loss[2])):
+        margin = np.where(drop > higher, VALVE_MARGIN_PA + loss[side], lower + loss[1] + loss[2])
+        fed[side] = np.where(known, ~(p >= q.accumulator + margin), ~(drop > sure))
+    if q.unit.cylinder.needs_pilots:
+        for side, p, other in ((1, q.p1, q.p2), (2, q.p2, q.p1)):
+            fed[side] |= known & ~(p - q.accumulator > PILOT * (other - q.accumulator))
+    return fed
 
 
 def _of_late(there: Flags) -> Flags:

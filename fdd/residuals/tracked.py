@@ -17,7 +17,7 @@ from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.observability import Observability, Observed
 from fdd.errors import InputError
-from fdd.residuals.bins import STOP_S
+from fdd.residuals.bins import STOP_S, below
 from fdd.residuals.tracking import METHODS, OBSERVABLE, Channels, Tracking, new_watch, watched
 from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
@@ -71,9 +71,7 @@ class Tracked:
     def push(self, samples: Samples) -> None:
         """Take the next block.
 
-        Raises
-        ------
-        InputError : channels that do not suffice for a diagnosis.
+        Raises InputError: channels that do not suffice for a diagnosis.
         """
         if not len(samples):
             return
@@ -95,17 +93,21 @@ class Tracked:
         if self.tracking is None:
             samples = Samples.concatenate([*self._held, samples])
             while self.tracking is None and len(samples) >= HELD_BACK:
-                require_channels(samples.channels)
+                if missing := missing_required(samples.channels):
+                    raise InputError(
+                        f"no usable data for {', '.join(missing)}",
+                        mend=f"map a column to each (channels: {', '.join(CHANNELS)})",
+                    )
                 head = samples.rows(0, HELD_BACK)  # by number, whatever block brought the last of them
                 channels = Channels.of(head)
                 if missing_required(channels.names):  # not yet, or not to be trusted
                     samples = samples.rows(HELD_BACK, len(samples))
                 else:
                     self.tracking = Tracking(self.unit, channels, float(np.median(np.diff(head.time))))
-            self._held = [samples] if self.tracking is None else []
             if self.tracking is None:
+                self._held = [samples]
                 return
-        assert self.tracking is not None
+            self._held = []
         fresh = self.tracking.push(self.tracking.block(samples))
         # Both keep the same times: where one lost the motion, neither is believed.
         sane = np.logical_and.reduce([layout.finite(r) for r in fresh.values()])
@@ -124,9 +126,7 @@ class Tracked:
     def records(self) -> dict[str, layout.Records]:
         """All records so far of each estimator, (n,) of `layout.RECORD`.
 
-        Raises
-        ------
-        ValueError : made with ``keep=False``.
+        Raises ValueError: made with ``keep=False``.
         """
         if not self.keep:
             raise ValueError("records were not kept: make it with keep=True")
@@ -140,9 +140,7 @@ class Tracked:
     def observed_throughout(self) -> dict[str, Observed]:
         """Observability of each tracked quantity over all records of the EKF, (n,) each.
 
-        Raises
-        ------
-        ValueError : made with ``keep=False``.
+        Raises ValueError: made with ``keep=False``.
         """
         records = self.records()["ekf"]
         if not records.size:
@@ -186,37 +184,17 @@ class Tracked:
         """Go on from a state that `state` gave for the same unit."""
         scalars = unpacked(state["tracked"])
         self.keep, self.lost, self._last = scalars["keep"], scalars["lost"], scalars["last"]
-        held = {k.removeprefix("held/"): v for k, v in state.items() if k.startswith("held/")}
+        held = below(state, "held/")
         self._held = [Samples(held.pop("time"), held)] if held else []
         for m in METHODS:
             self.last_records[m] = state[f"last/{m}"].flatten().view(layout.RECORD)
             self._kept[m] = [state[f"kept/{m}"].flatten().view(layout.RECORD)] if f"kept/{m}" in state else []
         self._unwatched = []
-        self._watch.restore({k.removeprefix("watch/"): v for k, v in state.items() if k.startswith("watch/")})
+        self._watch.restore(below(state, "watch/"))
         self.tracking = None
         if scalars["channels"] is not None:
             self.tracking = Tracking(self.unit, Channels(tuple(scalars["channels"])), scalars["period"])
-            self.tracking.restore(
-                {
-                    m: {k.split("/")[2]: v for k, v in state.items() if k.startswith(f"tracker/{m}/")}
-                    for m in METHODS
-                }
-            )
-
-
-def require_channels(names: tuple[str, ...]) -> None:
-    """Refuse a set of channels that no diagnosis can be made from.
-
-    Raises
-    ------
-    InputError : says which channel is missing.
-    """
-    missing = missing_required(names)
-    if missing:
-        raise InputError(
-            f"no usable data for {', '.join(missing)}",
-            mend=f"map a column to each (channels: {', '.join(CHANNELS)})",
-        )
+            self.tracking.restore({m: below(state, f"tracker/{m}/") for m in METHODS})
 
 
 def unpacked(data: Array) -> dict[str, Any]:

@@ -22,18 +22,24 @@ from fdd.unit import FrictionBranch, Unit
 Array = NDArray[np.float64]
 METHODS = ("ekf", "svsf")
 
-# A quantity is called observable while its standard deviation is below the first share of its
-# value, and until it exceeds the second (hysteresis against flicker).
 OBSERVABLE = {
-    "leakage": (0.05, 0.07),
-    "bulk_modulus": (0.05, 0.07),
-    "coulomb_friction": (0.10, 0.15),
-    "viscous_friction": (0.20, 0.30),
-}
-
+    "leakage": (0.05, 0.07), "bulk_modulus": (0.05, 0.07),
+    "coulomb_friction": (0.10, 0.15), "viscous_friction": (0.20, 0.30),
+}  # fmt: skip
+"""A quantity is called observable while its standard deviation is below the first share of its value, and
+until it exceeds the second (hysteresis against flicker)."""
+QUANTITIES = {
+    "leakage": eha.LEAK, "bulk_modulus": eha.AIR, "coulomb_friction": eha.FRIC, "viscous_friction": eha.VISC,
+}  # fmt: skip
+"""Tracked quantities and the states of the model that they follow from."""
 INFORMATION_S = 5.0
 """s that information is counted over: a stroke or two."""
-
+COLUMNS = {
+    layout.POSITION: "position", layout.ANGLE: "pump_angle", layout.SPEED: "pump_speed",
+    layout.PRESSURE_1: "pressure_1", layout.PRESSURE_2: "pressure_2",
+    layout.DIFFERENCE: "pressure_difference", layout.ACCUMULATOR: "pressure_accumulator",
+}  # fmt: skip
+"""The filters' columns and the channels that they are, but for their sensors' zeros and gains."""
 THERMAL_GAIN = 5e-4
 """Relative change of displacement over area within 30 K: metals grow by 1 to 2.5e-5 per kelvin."""
 
@@ -103,11 +109,6 @@ class Channels:
 
     names: tuple[str, ...]
 
-    @property
-    def chambers(self) -> bool:
-        """Both chamber pressures."""
-        return "pressure_1" in self.names and "pressure_2" in self.names
-
     @classmethod
     def of(cls, samples: Samples) -> Channels:
         """Channels with at least one finite value in `samples`."""
@@ -115,15 +116,9 @@ class Channels:
 
 
 class Tracking:
-    """EKF and SVSF side by side on the same samples.
+    """EKF and SVSF side by side on the same samples, of a nominal period in s."""
 
-    Parameters
-    ----------
-    unit : profile. channels : what the log has. period : s, nominal.
-    decimation : samples per record of the trajectories.
-    """
-
-    def __init__(self, unit: Unit, channels: Channels, period: float, decimation: int = 10) -> None:
+    def __init__(self, unit: Unit, channels: Channels, period: float) -> None:
         self.unit = unit
         self.channels = channels
         self.period = period
@@ -131,34 +126,21 @@ class Tracking:
         noise = noise_of(unit)
         self.trackers = {
             method: EhaTracker(
-                self.model,
-                noise,
-                method,  # type: ignore[arg-type]
-                period=period,
-                pressures=channels.chambers,
-                angle="pump_angle" in channels.names,
-                difference="pressure_difference" in channels.names,
+                self.model, noise, method,  # type: ignore[arg-type]
+                period=period, pressures={"pressure_1", "pressure_2"} <= set(channels.names),
+                angle="pump_angle" in channels.names, difference="pressure_difference" in channels.names,
                 viscous_friction=healthy_viscous(unit),
                 viscous_skew=0.5 * (unit.friction.forward.viscous - unit.friction.reverse.viscous),
                 air_fraction=unit.oil.air_fraction,
-                decimation=decimation,
             )
             for method in METHODS
-        }
+        }  # fmt: skip
 
     def block(self, samples: Samples) -> Array:
         """The samples as the trackers' columns, sensor zeros and gains taken out."""
         out = np.full((len(samples), layout.COLUMNS), np.nan)
         out[:, layout.TIME] = samples.time
-        for column, name in (
-            (layout.POSITION, "position"),
-            (layout.ANGLE, "pump_angle"),
-            (layout.SPEED, "pump_speed"),
-            (layout.PRESSURE_1, "pressure_1"),
-            (layout.PRESSURE_2, "pressure_2"),
-            (layout.DIFFERENCE, "pressure_difference"),
-            (layout.ACCUMULATOR, "pressure_accumulator"),
-        ):
+        for column, name in COLUMNS.items():
             if name in self.channels.names:
                 sensor = self.unit.sensor(name)
                 out[:, column] = (samples.get(name) - sensor.zero) / sensor.gain
@@ -180,15 +162,6 @@ class Tracking:
             t.restore(state[method])
 
 
-QUANTITIES = {
-    "leakage": eha.LEAK,
-    "bulk_modulus": eha.AIR,
-    "coulomb_friction": eha.FRIC,
-    "viscous_friction": eha.VISC,
-}
-"""Tracked quantities and the states of the model that they follow from."""
-
-
 def estimates(
     records: layout.Records, unit: Unit, model: eha.Parameters
 ) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -197,8 +170,7 @@ def estimates(
     Leakage is L_T across the ports at the oil's temperature of the moment. Bulk modulus is that
     at the unit's reference pressure; friction the mean of both directions.
     """
-    x = records["state"]
-    var = records["variance"]
+    x, var = records["state"], records["variance"]
     scale = sensitivities(records, unit, model)
     values = {
         "leakage": scale["leakage"] * x[:, eha.LEAK],
@@ -241,22 +213,12 @@ def watched(
 ) -> dict[str, Observed]:
     """Observability of each tracked quantity by a filter's next records.
 
-    Parameters
-    ----------
-    watch : of `new_watch`; it goes on from the records before.
-    records : (n, RECORD) of one filter. model, noise : the filter's.
-
-    Returns
-    -------
-    Quantity to its flag, the information of the last seconds, the held value and its age.
+    `watch`, of `new_watch`, goes on from the records before; they are of one filter, as model and noise.
     """
     scale = sensitivities(records, unit, model)
     walks = drifts(records, noise, {state: scale[name] for name, state in QUANTITIES.items()})
-    return watch.push(
-        records["time"],
-        *estimates(records, unit, model),
-        {name: walks[state] for name, state in QUANTITIES.items()},
-    )
+    drift = {name: walks[state] for name, state in QUANTITIES.items()}
+    return watch.push(records["time"], *estimates(records, unit, model), drift)
 
 
 def observability(values: dict[str, Array], stds: dict[str, Array]) -> dict[str, NDArray[np.bool_]]:

@@ -9,8 +9,7 @@ from fdd import Samples, simulate
 from fdd.plant.oil import air_compliance, bulk_modulus, viscosity
 from fdd.plant.scenario import Recording, Scenario
 from fdd.residuals.bins import COLUMNS, BinMaker
-from fdd.residuals.hidden_pressures import chambers_from_difference
-from fdd.residuals.oil import viscosity_ratio
+from fdd.residuals.oil import chambers_from_difference, viscosity_ratio
 from fdd.unit import Oil, Unit
 
 

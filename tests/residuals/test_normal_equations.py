@@ -9,8 +9,7 @@ import pytest
 from fdd.residuals.balances import BALANCES, ORDERS, RegressionBlock
 from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
 from fdd.residuals.effects import first_effects
-from fdd.residuals.normal_equations import marginalised
-from fdd.residuals.regression_accumulator import LOAD_S, RegressionAccumulator
+from fdd.residuals.normal_equations import LOAD_S, RegressionAccumulator, marginalised
 
 ROWS = TAIL_BINS + FRAME_BINS
 
