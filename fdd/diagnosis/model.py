@@ -17,11 +17,10 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fdd.bounds import MAX_MODEL_BYTES
-from fdd.errors import InputError
+from fdd.errors import InputError, input_error
 from fdd.faults import ADDED_BY, fault
 from fdd.files import write_text
 from fdd.residuals.effects import Spreads
-from fdd.validation import input_error
 
 SHIPPED = "model.json"
 HELD_IN_DOUBT = 0.5
