@@ -85,12 +85,13 @@ class Estimate(BaseModel):
 
     Attributes
     ----------
-    value, std : what the filter says, observable or not. held, held_std : the last value while it was
-        observable, and what its standard deviation has grown to since; None where it never was. age_s : s
-        since then, 0 while it is observable. information_std : standard deviation that the last five seconds
-        alone would give; None without any data. held_because : why an estimate that the data hold is not
-        observable; then `held` is the profile's. methods : what trackers of installed packages say of it, by
-        name (``fdd diagnose --tracker``).
+    value, std : what the filter says, observable or not.
+    held, held_std : the last value while it was observable, and what its standard deviation has grown to
+        since; None where it never was.
+    age_s : s since then, 0 while it is observable.
+    information_std : standard deviation that the last five seconds alone would give; None without any data.
+    held_because : why an estimate that the data hold is not observable; then `held` is the profile's.
+    methods : what trackers of installed packages say of it, by name (``fdd diagnose --tracker``).
     """
 
     unit: str
