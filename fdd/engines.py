@@ -36,13 +36,9 @@ class WorkerLost(InputError):
 
 
 def map_unordered(
-    function: Callable[[Job], Result],
-    jobs: Sequence[Job],
-    *,
-    engine: Engine = "local",
-    workers: int | None = None,
-    begin: Callable[[], None] | None = None,
-) -> Iterator[tuple[int, Result]]:
+    function: Callable[[Job], Result], jobs: Sequence[Job], *, engine: Engine = "local",
+    workers: int | None = None, begin: Callable[[], None] | None = None,
+) -> Iterator[tuple[int, Result]]:  # fmt: skip
     """Work jobs, and give each one's number and result as they come.
 
     Parameters

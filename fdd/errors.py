@@ -19,8 +19,7 @@ class InputError(ValueError):
     """Unusable input: one line that names the problem, the file or channel (and place) `where` it is, and
     what the user can do to `mend` it.
 
-    The commands print it on standard error and exit with status 2; a library
-    caller catches it as a ``ValueError``.
+    The commands print it on standard error and exit with status 2; callers catch it as a ``ValueError``.
 
     Examples
     --------

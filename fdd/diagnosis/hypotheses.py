@@ -35,8 +35,8 @@ class Hypothesis:
     ----------
     fault, label : of the catalogue. columns : balance to (n,) change of its coefficients per severity.
     scale : prior standard deviation of the amplitudes. signed : the amplitude cannot be negative.
-    time_profiles : of `KINDS`, that the fault may take. prior_weight : prior
-        weight among alike ones. ends : the fault that it is the end of.
+    time_profiles : of `KINDS`, that the fault may take. prior_weight : prior weight among alike ones. ends :
+        the fault that it is the end of.
     """
 
     fault: str
