@@ -1,9 +1,11 @@
-"""Independent pieces of work on what there is to run them: this machine's processes, or Ray's on many."""
+"""Independent pieces of work on what there is to run them, this machine's processes or Ray's on many; and how
+work tells how far it is."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -13,6 +15,17 @@ from fdd.errors import InputError
 Engine = Literal["local", "ray"]
 Job = TypeVar("Job")
 Result = TypeVar("Result")
+Advance = Callable[[float], None]
+"""Told how much is done in all."""
+Progress = Callable[..., AbstractContextManager[Advance]]
+"""Opens a stage of the work: its title, and the total that `Advance` counts to where there is one. A library
+call is silent."""
+
+
+@contextmanager
+def unseen(title: str, total: float | None = None) -> Iterator[Advance]:
+    """Progress that nobody watches."""
+    yield lambda done: None
 
 
 class WorkerLost(InputError):
@@ -23,13 +36,9 @@ class WorkerLost(InputError):
 
 
 def map_unordered(
-    function: Callable[[Job], Result],
-    jobs: Sequence[Job],
-    *,
-    engine: Engine = "local",
-    workers: int | None = None,
-    begin: Callable[[], None] | None = None,
-) -> Iterator[tuple[int, Result]]:
+    function: Callable[[Job], Result], jobs: Sequence[Job], *, engine: Engine = "local",
+    workers: int | None = None, begin: Callable[[], None] | None = None,
+) -> Iterator[tuple[int, Result]]:  # fmt: skip
     """Work jobs, and give each one's number and result as they come.
 
     Parameters

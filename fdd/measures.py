@@ -1,8 +1,5 @@
-"""Units of measure: what a profile or a channel map may write, and its factor to SI.
-
-One table for both, so that ``unit: bar`` means the same wherever it stands; what it does not have, pint
-knows. Oil temperature stays in °C, as the contract's channel list has it.
-"""
+"""Units of measure: what a profile or a channel map may write, and its factor to SI. What the table does not
+have, pint knows. Oil temperature stays in °C, as the contract's channel list has it."""
 
 from __future__ import annotations
 

@@ -53,14 +53,13 @@ def missing_required(channels: Collection[str]) -> list[str]:
     >>> missing_required(["position", "pump_speed"])
     ['pressure_difference (or pressure_1 and pressure_2)']
     """
-    absent = []
-    if "position" not in channels:
-        absent.append("position")
-    if "pump_angle" not in channels and "pump_speed" not in channels:
-        absent.append("pump_angle (or pump_speed)")
-    if "pressure_difference" not in channels and not {"pressure_1", "pressure_2"} <= set(channels):
-        absent.append("pressure_difference (or pressure_1 and pressure_2)")
-    return absent
+    there, both = set(channels), {"pressure_1", "pressure_2"}
+    groups = {
+        "position": "position" in there,
+        "pump_angle (or pump_speed)": bool(there & {"pump_angle", "pump_speed"}),
+        "pressure_difference (or pressure_1 and pressure_2)": "pressure_difference" in there or both <= there,
+    }
+    return [group for group, found in groups.items() if not found]
 
 
 class Samples:
@@ -89,26 +88,23 @@ class Samples:
 
     def __init__(self, time: ArrayLike, columns: Mapping[str, ArrayLike]) -> None:
         self.time = _column("time", time)
-        n = self.time.size
-        if not np.isfinite(self.time).all():
-            row = int(np.isfinite(self.time).argmin())
-            raise InputError(f"channel time, row {row}: not a finite number")
+        finite = np.isfinite(self.time)
+        if not finite.all():
+            raise InputError(f"channel time, row {finite.argmin()}: not a finite number")
         backwards = np.flatnonzero(self.time[1:] <= self.time[:-1])
         if backwards.size:
             row = int(backwards[0]) + 1
-            raise InputError(
-                f"channel time, row {row}: {self.time[row]:.6f} s after {self.time[row - 1]:.6f} s, "
-                "time must increase",
-                mend="sort the log or cut it where its clock was reset",
-            )
+            times = f"{self.time[row]:.6f} s after {self.time[row - 1]:.6f} s"
+            problem = f"channel time, row {row}: {times}, time must increase"
+            raise InputError(problem, mend="sort the log or cut it where its clock was reset")
         self._columns: dict[str, Column] = {}
         for name, values in columns.items():
             if name not in CHANNELS or name == "time":
                 known = ", ".join(c for c in CHANNELS if c != "time")
                 raise InputError(f"unknown channel {name!r}", mend=f"the channels are: {known}")
             column = _column(name, values)
-            if column.size != n:
-                raise InputError(f"channel {name}: {column.size} values for {n} time stamps")
+            if column.size != len(self):
+                raise InputError(f"channel {name}: {column.size} values for {len(self)} time stamps")
             infinite = np.isinf(column)
             if np.count_nonzero(infinite):  # of a short column in a fifth of the time of any()
                 problem = f"channel {name}, row {infinite.argmax()}: infinite value"

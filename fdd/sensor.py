@@ -93,10 +93,9 @@ class Sensor(Section):
 
     @model_validator(mode="after")
     def _step_follows(self) -> Sensor:
-        if self.resolution == 0.0:
-            # Not by assignment, which would validate again without end.
-            if self.loop is not None:
-                self.__dict__["resolution"] = self.loop.resolution
-            elif self.lines is not None:
-                self.__dict__["resolution"] = 2.0 * pi / (4 * self.lines)
+        # Not by assignment, which would validate again without end.
+        if self.resolution == 0.0 and self.loop is not None:
+            self.__dict__["resolution"] = self.loop.resolution
+        elif self.resolution == 0.0 and self.lines is not None:
+            self.__dict__["resolution"] = 2.0 * pi / (4 * self.lines)
         return self

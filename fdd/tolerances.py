@@ -52,11 +52,8 @@ def tolerance(base: Unit, quantity: str) -> float:
     >>> round(tolerance(Unit.load("axis_a"), "pump.displacement"), 3)
     0.095
     """
-    parts = [
-        hypot(TOLERANCES[part][0], _stated(base, STATED.get(part, part)))
-        for part in JOINT.get(quantity, (quantity,))
-    ]
-    return hypot(*parts)
+    parts = JOINT.get(quantity, (quantity,))
+    return hypot(*(hypot(TOLERANCES[part][0], _stated(base, STATED.get(part, part))) for part in parts))
 
 
 def _stated(base: Unit, path: str) -> float:

@@ -1,8 +1,5 @@
-"""A unit: what the software knows about one actuator, read from and written to YAML.
-
-Its numbers carry their provenance, see `fdd.sections`. Plant and estimators take their parameters from here,
-and share nothing else.
-"""
+"""A unit: what the software knows about one actuator, read from and written to YAML. Plant and estimators
+take their parameters from here, and share nothing else; numbers carry their provenance (`fdd.sections`)."""
 
 from __future__ import annotations
 
@@ -17,11 +14,10 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fdd.bounds import MAX_UNIT_BYTES
-from fdd.errors import InputError
+from fdd.errors import InputError, input_error
 from fdd.files import write_text
 from fdd.sections import Section, si
 from fdd.sensor import Sensor
-from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 UNIT_SCHEMA = "fdd.unit/1"
@@ -30,6 +26,7 @@ SMALL = "axis_a_13cm3"
 MOST = 1e30
 """Of any figure of a baseline: squares of it still are numbers."""
 Finite = Annotated[float, Field(ge=-MOST, le=MOST)]
+Positive = Annotated[float, Field(gt=0, le=MOST)]
 _ANEW = "identify the unit anew"
 
 
@@ -153,9 +150,7 @@ class Drive(Section):
 class Monitoring(Section):
     """What the operator wants of the diagnosis."""
 
-    false_alarms_per_hour: Annotated[float, si("1/s", written="1/h"), Field(gt=0, le=1.0 / 60.0)] = (
-        1.0 / 3600.0
-    )
+    false_alarms_per_hour: Annotated[float, si("1/s", written="1/h"), Field(gt=0, le=1.0 / 60.0)] = 1 / 3600
     """Wanted rate of false alarms of the sequential test: per hour in the profile, at most 60; 1/s here."""
 
 
@@ -200,12 +195,10 @@ class BalanceBaseline(Section):
     covariance: list[list[Finite]]
     information: list[list[Finite]] = Field(default_factory=list)
     scatter: list[list[Finite]] = Field(default_factory=list)
-    moderation: list[Annotated[float, Field(gt=0, le=MOST)]] = Field(default_factory=list)
+    moderation: list[Positive] = Field(default_factory=list)
     noise: Annotated[float, si("1"), Field(gt=0, le=MOST)]
     hops: Annotated[int, Field(ge=0, le=10**9)] = 0
-    hop_noise: Annotated[list[Annotated[float, Field(gt=0, le=MOST)]], Field(max_length=100)] = Field(
-        default_factory=list
-    )
+    hop_noise: list[Positive] = Field(default_factory=list, max_length=100)
 
     @model_validator(mode="after")
     def _fits_together(self) -> BalanceBaseline:
@@ -253,7 +246,7 @@ class Origin(Section):
     date: str = ""
     fdd: str = ""
     map_sha256: str | None = None
-    logs: Annotated[dict[str, str], Field(max_length=10_000)] = Field(default_factory=dict)
+    logs: dict[str, str] = Field(default_factory=dict, max_length=10_000)
     limits: list[str] = Field(default_factory=list)
     accepted: list[str] = Field(default_factory=list)
 

@@ -70,9 +70,8 @@ def yaml_mapping(
         word = "plain" if isinstance(error, _Refused) else "valid"
         raise InputError(f"{place}not {word} YAML ({problem})", where=where) from None
     if not isinstance(data, dict) or (schema is not None and data.get("schema") != schema):
-        raise InputError(
-            f"not a {kind}", where=where, mend=mend or f"its first line should be 'schema: {schema}'"
-        )
+        mend = mend or f"its first line should be 'schema: {schema}'"
+        raise InputError(f"not a {kind}", where=where, mend=mend)
     return data
 
 

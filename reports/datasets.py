@@ -14,13 +14,13 @@ from fdd.campaign.dataset import Dataset, Entry
 from fdd.campaign.scores import wilson
 from fdd.campaign.spreads import healthy_logs
 from fdd.campaign.train import identified_unit
+from fdd.diagnosis.baseline import scattered
 from fdd.diagnosis.departures import VAGUE, departures
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
-from fdd.diagnosis.random_effects import scattered
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
 from fdd.identification.from_logs import identify_logs

@@ -14,14 +14,13 @@ from pydantic import Field, TypeAdapter, ValidationError
 from fdd.bounds import MAX_JSON_BYTES
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.visibility import ChannelVisibility
-from fdd.errors import InputError
+from fdd.errors import InputError, input_error
 from fdd.files import sha256_of
 from fdd.logs import read_log
 from fdd.plant.truth import TRUTH, Truth
 from fdd.plant.validated import Validated
 from fdd.samples import Samples
 from fdd.unit import Unit
-from fdd.validation import input_error
 from fdd.yaml_reading import yaml_text
 
 DATASET_SCHEMA = "fdd.dataset/1"

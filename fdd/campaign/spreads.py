@@ -22,8 +22,14 @@ from scipy.special import digamma
 
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.units import How, over_units
-from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of, history_of
-from fdd.diagnosis.random_effects import log_effects, log_equations
+from fdd.diagnosis.baseline import (
+    baseline_of,
+    effects_of,
+    histories_of,
+    history_of,
+    log_effects,
+    log_equations,
+)
 from fdd.errors import InputError
 from fdd.identification.identify import identify_unit
 from fdd.residuals.balance_history import BalanceHistory

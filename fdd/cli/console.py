@@ -13,7 +13,7 @@ from rich.console import Console, OverflowMethod
 from rich.table import Table
 from rich.text import Text
 
-from fdd.progress import Advance
+from fdd.engines import Advance
 
 PATIENCE_S = 2.0
 """Nothing is shown of what is done sooner."""

@@ -11,28 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fdd
-from fdd.diagnosis.agreement import believed
 from fdd.diagnosis.decision import USUAL_SIZE, Found
 from fdd.diagnosis.evidence import Evidence
-from fdd.diagnosis.findings import (
-    ESTIMATED,
-    Diagnosis,
-    Estimate,
-    FaultFinding,
-    Invisible,
-    MethodEstimate,
-    present,
-)
+from fdd.diagnosis.findings import Diagnosis, FaultFinding, Invisible, present
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.model import Model
 from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, fault
-from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S
-from fdd.residuals.tracked import Tracked
-from fdd.residuals.tracking import estimates, healthy_coulomb, healthy_viscous
 from fdd.sensors.finding import SensorFinding
-from fdd.unit import Unit
 
 Z80 = 1.2816
 """Standard normal's 90 % quantile: an 80 % interval either way."""
@@ -51,8 +38,8 @@ class Span:
     Attributes
     ----------
     starts : s, when each began. end : s, of the last. stretch : words for the stretches that the
-        overdispersion is estimated on.
-    whole : s, length of a frame; None where they differ, and none is ever left out.
+        overdispersion is estimated on. whole : s, length of a frame; None where they differ, and none is
+        ever left out.
     """
 
     starts: Sequence[float]
@@ -70,23 +57,19 @@ class Span:
 
 
 def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> FaultFinding:
-    """One finding as the answer carries it, detected at the end of its evidence.
-
-    Parameters
-    ----------
-    onset : s. span : frames of the evidence.
-    """
+    """One finding as the answer carries it, with its onset (s), detected at the end of its evidence."""
     lead, h = found.lead, found.lead.hypothesis
     earliest, latest = lead.onset_quantiles(0.1, 0.9)
-    detected = span.end
     interval = (round(min(onset, span.starts[earliest]), 2), round(max(onset, span.until(latest)), 2))
+    times: dict[str, Any] = {
+        "onset_s": round(onset, 2), "detected_s": round(span.end, 2), "onset_interval": interval,
+    }  # fmt: skip
     titles = " and ".join(BALANCES[name].title for name in h.columns)
     sure = model.calibration.probability(found.score, second=found.second)
     if not found.known:
         return FaultFinding(
             fault="unknown", family="unknown", ambiguity=["unknown"], confidence=round(min(sure, 0.9999), 4),
-            onset_s=round(onset, 2), detected_s=round(detected, 2), onset_interval=interval,
-            evidence=[
+            **times, evidence=[
                 f"The balance of {titles} does not close from {onset:.1f} s on, and no fault of the "
                 f"catalogue explains it: the nearest, {fault(h.fault).title}, no more than "
                 f"{100 * found.explained:.0f} % of what changed."
@@ -117,19 +100,14 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     ]
     alike = {f: round(found.shares[f] / share, 4) for f in group} if len(group) > 1 else {}
     if alike:
-        sentences.append(
-            "In this log " + ", ".join(fault(f).title for f in group) + " would look alike: "
-            + ", ".join(f"{fault(f).title} {100 * part:.0f} %" for f, part in alike.items())
-            + "."
-        )  # fmt: skip
+        names = ", ".join(fault(f).title for f in group)
+        parts = ", ".join(f"{fault(f).title} {100 * part:.0f} %" for f, part in alike.items())
+        sentences.append(f"In this log {names} would look alike: {parts}.")
     return FaultFinding(
         fault=h.fault, family=fault(h.fault).family, ambiguity=group, shares=alike,
-        confidence=round(min(sure * share, 0.9999), 4),
-        onset_s=round(onset, 2), detected_s=round(detected, 2), severity=round(size, 3), evidence=sentences,
+        confidence=round(min(sure * share, 0.9999), 4), **times, severity=round(size, 3), evidence=sentences,
         severity_interval=(round(low, 3), round(high, 3)),
-        onset_interval=interval,
-        side=h.side, variant=h.variant, channel=h.channel,
-        next_check=fault(h.fault).next_check,
+        side=h.side, variant=h.variant, channel=h.channel, next_check=fault(h.fault).next_check,
     )  # fmt: skip
 
 
@@ -138,8 +116,7 @@ def sensor_fault(found: SensorFinding) -> FaultFinding:
     return FaultFinding(
         fault=found.fault, family=fault(found.fault).family, ambiguity=[found.fault],
         confidence=found.confidence, onset_s=round(found.onset_s, 3), detected_s=round(found.detected_s, 3),
-        evidence=[found.evidence], channel=found.channel,
-        next_check=fault(found.fault).next_check,
+        evidence=[found.evidence], channel=found.channel, next_check=fault(found.fault).next_check,
     )  # fmt: skip
 
 
@@ -148,10 +125,7 @@ def probabilities_of(
 ) -> dict[str, float]:
     """Probability of each fault family and of none; they add up to one.
 
-    Parameters
-    ----------
-    faults : findings, the surest first. score : largest one that made no finding. hidden : see
-        `hidden_share`.
+    `faults` are the findings, the surest first; `score` is the largest that made none; see `hidden_share`.
     """
     out = dict.fromkeys(FAMILIES, 0.0)
     free = 1.0
@@ -206,15 +180,13 @@ def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: f
     for name in (n for n in CATALOGUE if n in ways):
         least, h = max(ways[name], key=lambda way: way[0])
         parts = [(_smaller(x), way.prior_weight) for x, way in ways[name]]
-        said: dict[str, Any] = {"side": h.side, "channel": h.channel, "variant": h.variant}
-        out.append(
-            Invisible(
-                fault=name,
-                severity=math.ceil(100.0 * least) / 100.0 if math.isfinite(least) else None,
-                hidden=round(sum(p * c for p, c in parts) / sum(c for _, c in parts), 3),
-                **(said if len(parts) > 1 else {}),
-            )
-        )
+        several = len(parts) > 1
+        out.append(Invisible(
+            fault=name, severity=math.ceil(100.0 * least) / 100.0 if math.isfinite(least) else None,
+            hidden=round(sum(p * c for p, c in parts) / sum(c for _, c in parts), 3),
+            side=h.side if several else None, channel=h.channel if several else None,
+            variant=h.variant if several else None,
+        ))  # fmt: skip
     return out
 
 
@@ -238,11 +210,8 @@ def _smaller(severity: float | None) -> float:
 
 
 def versions_of(trackers: Mapping[str, str]) -> dict[str, str]:
-    """What an answer depends on besides its files: fdd, and packages of further faults and `trackers`.
-
-    Parameters
-    ----------
-    trackers : name to package.
+    """What an answer depends on besides its files: fdd, and packages of further faults and of `trackers` (by
+    name).
 
     Examples
     --------
@@ -252,59 +221,3 @@ def versions_of(trackers: Mapping[str, str]) -> dict[str, str]:
     faults = ", ".join(sorted(set(ADDED_BY.values())))
     added = {f"tracker {name}": package for name, package in trackers.items()}
     return {"fdd": fdd.__version__, **({"faults": faults} if faults else {}), **added}
-
-
-def estimates_of(
-    tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], added: Sequence[AddedTracker] = ()
-) -> dict[str, Estimate]:
-    """Tracked quantities at the end of what was pushed, and what trackers of packages say of them."""
-    out = estimates_by(tracked, unit, faults)
-    for each in added:
-        for name, (value, std) in each.last().items():
-            rounded = [float(f"{number:.5g}") for number in (value, std)]
-            out[name].methods[each.name] = MethodEstimate(value=rounded[0], std=rounded[1])
-    return out
-
-
-def estimates_by(
-    tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], method: str = "ekf"
-) -> dict[str, Estimate]:
-    """Estimates of one of fdd's filters at the end; which are observable follows from the EKF and
-    `faults`."""
-    records = tracked.last_records[method]
-    if not records.size:
-        empty = {"baseline": None, "value": None, "std": None, "observable": False}
-        return {n: Estimate.model_validate({"unit": u, **empty}) for n, (u, _, _) in ESTIMATED.items()}
-    values, stds = estimates(records, unit, tracked.model)
-    observed = tracked.observed()
-    seen, why = believed(observed, tracked.last_records["ekf"], unit, tracked.channels, faults)
-    healthy = healthy_of(unit, float(records["viscosity"][-1]))
-    return {
-        name: Estimate(
-            unit=si,
-            baseline=_significant(healthy[name]),
-            value=_significant(float(values[name][-1])),
-            std=_significant(float(stds[name][-1])),
-            observable=bool(seen[name].valid[-1]) and not tracked.lost,
-            held=_significant(float(seen[name].held[-1])),
-            held_std=_significant(float(seen[name].held_std[-1])),
-            age_s=_significant(float(seen[name].age[-1])),
-            information_std=_significant(float(seen[name].information_std[-1])),
-            held_because=why.get(name) if observed[name].valid[-1] > seen[name].valid[-1] else None,
-        )
-        for name, (si, _, _) in ESTIMATED.items()
-    }
-
-
-def healthy_of(unit: Unit, viscosity: float = 1.0) -> dict[str, float]:
-    """What the profile says of each estimate (SI), at a viscosity over that at its reference temperature."""
-    return {
-        "leakage": unit.pump.total_leakage / viscosity,
-        "bulk_modulus": unit.oil.bulk_modulus,
-        "coulomb_friction": healthy_coulomb(unit),
-        "viscous_friction": healthy_viscous(unit),
-    }
-
-
-def _significant(value: float, digits: int = 5) -> float | None:
-    return float(f"{value:.{digits}g}") if np.isfinite(value) else None

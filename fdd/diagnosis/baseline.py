@@ -1,24 +1,32 @@
-"""A unit's healthy balances: mean and covariance of their coefficients, from its healthy logs."""
+"""A unit's healthy balances: mean and covariance of their coefficients, from its healthy logs.
+
+The coefficients of a balance in log l of unit u are ``θ = μ_u + δ_l`` with ``μ_u ~ N(m, S)`` and
+``δ_l ~ N(0, Q_l)``. A population tells Q (`fdd.campaign.spreads`), but units differ in it: one's law fits
+better than another's. Of a unit with three healthy logs the variances are moderated towards the population's
+(Smyth 2004, doi 10.2202/1544-6115.1027).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.random_effects import log_equations, moderated, moderation, scattered
 from fdd.errors import InputError
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.bins import FRAME_S, BinMaker
+from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S, BinMaker
 from fdd.residuals.effects import Effects, LogConditions, Spreads, first_effects, usual_conditions, with_logs
 from fdd.residuals.normal_equations import marginalised
 from fdd.samples import Samples
 from fdd.unit import BalanceBaseline, Baseline, Unit
 
 Array = NDArray[np.float64]
+Sums = tuple[Array, Array, Array, Array]
+"""Of a log: what `BalanceHistory.sums` gives of a balance."""
 
 LEAST_BASELINE_FRAMES = 10
 BASELINE_VERSION = "16"
@@ -27,6 +35,11 @@ RESCALED = {"refeed": tuple(str(version) for version in range(16))}
 QUANTILES = 21
 """Quantiles of the frames' noise in a baseline: the median of all logs can still be computed when logs are
 added."""
+PRIOR_LOGS = 3.0
+"""Logs that the population's variance counts for in a unit's own: see `moderation`."""
+ITERATIONS = 5
+MODERATION = (0.05, 100.0)
+"""Bounds of a unit's variance over the population's."""
 
 
 def history_of(samples: Samples, unit: Unit, effects: dict[str, Effects]) -> BalanceHistory:
@@ -46,20 +59,15 @@ def histories_of(unit: Unit, logs: Sequence[Samples]) -> list[BalanceHistory]:
     histories = [history_of(log, plain, effects) for log in logs]
     if sum(len(x.frames) for x in histories) < LEAST_BASELINE_FRAMES:
         return histories
-    # The attenuation by errors in variables is proportional to the coefficient: repeat with the first
-    # estimate.
+    # The attenuation by errors in variables is proportional to the coefficient: repeat with that estimate.
     for name, known in baseline_of(histories).balances.items():
         effects[name] = replace(effects[name], mean=np.array(known.mean))
     return [history_of(log, plain, effects) for log in logs]
 
 
 def add_baseline(unit: Unit, logs: Sequence[Samples], spreads: Spreads | None = None) -> Unit:
-    """A copy of the unit with the baseline of these healthy logs.
-
-    Parameters
-    ----------
-    unit : identified profile. logs : the healthy logs that it was identified from. spreads : what healthy
-        units and logs differ by; None takes the shipped ones.
+    """A copy of the unit with the baseline of these healthy logs, which it was identified from; see
+    `baseline_of`.
 
     Raises
     ------
@@ -75,8 +83,7 @@ def baseline_of(
 ) -> Baseline:
     """The baseline of the balance histories of healthy logs.
 
-    Each log's coefficients are the unit's own and a draw of what differs from log to log
-    (`Effects.between`), so three short
+    Each log's coefficients are a draw of what differs from log to log about the unit's own, so three short
     logs determine a unit better than one long one.
 
     Parameters
@@ -94,10 +101,9 @@ def baseline_of(
     frames = sum(len(x.frames) for x in histories)
     before = 0.0 if known is None else known.seconds
     if frames * FRAME_S + before < LEAST_BASELINE_FRAMES * FRAME_S:
-        raise InputError(
-            f"healthy logs of {frames * FRAME_S:.0f} s in all are too short",
-            mend=f"record at least {LEAST_BASELINE_FRAMES * FRAME_S:.0f} s of healthy motion",
-        )
+        problem = f"healthy logs of {frames * FRAME_S:.0f} s in all are too short"
+        mend = f"record at least {LEAST_BASELINE_FRAMES * FRAME_S:.0f} s of healthy motion"
+        raise InputError(problem, mend=mend)
     found: dict[str, BalanceBaseline] = {}
     for name in BALANCES:
         old = None if known is None else known.balances.get(name)
@@ -113,8 +119,7 @@ def baseline_of(
 
 
 def _balance(
-    effects: Effects, name: str, sums: Sequence[tuple[Array, Array, Array, Array]],
-    conditions: Sequence[LogConditions],
+    effects: Effects, name: str, sums: Sequence[Sums], conditions: Sequence[LogConditions],
     old: BalanceBaseline | None, share_old: float,
 ) -> BalanceBaseline:  # fmt: skip
     information = np.linalg.inv(effects.known)
@@ -157,21 +162,15 @@ def _balance(
         information, vector = information + m, vector + v
     covariance = np.linalg.inv(information)
     return BalanceBaseline(
-        columns=list(BALANCES[name].columns),
-        mean=_rounded(covariance @ vector),
+        columns=list(BALANCES[name].columns), mean=_rounded(covariance @ vector),
         covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
-        information=[_rounded(row) for row in total],
-        scatter=[_rounded(row) for row in scatter],
-        moderation=[float(f"{x:.4g}") for x in factor],
-        noise=float(f"{np.sqrt(noise):.5g}"),
-        hops=round(float(weights.sum())),
-        hop_noise=[float(f"{q:.4g}") for q in quantiles],
-    )
+        information=[_rounded(row) for row in total], scatter=[_rounded(row) for row in scatter],
+        moderation=_rounded(factor, 4), noise=float(f"{np.sqrt(noise):.5g}"),
+        hops=round(float(weights.sum())), hop_noise=_rounded(quantiles, 4),
+    )  # fmt: skip
 
 
-def structural_variance(
-    sums: Sequence[tuple[Array, Array, Array, Array]], effects: Effects, found: float
-) -> float:
+def structural_variance(sums: Sequence[Sums], effects: Effects, found: float) -> float:
     """Effective variance of a row when the model error is correlated over a frame.
 
     A frame's own least squares follows such errors and leaves small residuals. The distance of its
@@ -180,8 +179,7 @@ def structural_variance(
 
     Parameters
     ----------
-    sums : of each log, as `BalanceHistory.sums` gives them. effects : before any log was seen. found :
-        variance to start from.
+    effects : before any log was seen. found : variance to start from.
     """
     std = np.sqrt(np.diag(effects.covariance))
     prior = 1.0 / np.square(std)
@@ -202,16 +200,14 @@ def structural_variance(
     return found
 
 
-def _rounded(values: NDArray[np.float64]) -> list[float]:
-    return [float(f"{v:.8g}") for v in values]
+def _rounded(values: Array, digits: int = 8) -> list[float]:
+    return [float(f"{v:.{digits}g}") for v in values]
 
 
 def effects_of(unit: Unit, spreads: Spreads | None = None) -> dict[str, Effects]:
     """The prior for a log of the unit: from its baseline, or from the population where it has none.
 
-    Parameters
-    ----------
-    unit : profile. spreads : what healthy units differ by, of a model; None takes the shipped ones.
+    `spreads` are what healthy units differ by, of a model; None takes the shipped ones.
     """
     out = {}
     for name in BALANCES:
@@ -221,15 +217,120 @@ def effects_of(unit: Unit, spreads: Spreads | None = None) -> dict[str, Effects]
             known = None
         if known is not None and known.columns == list(BALANCES[name].columns):
             effects = replace(
-                effects,
-                mean=np.array(known.mean),
-                known=np.array(known.covariance),
-                noise=known.noise,
+                effects, mean=np.array(known.mean), known=np.array(known.covariance), noise=known.noise,
                 information=np.array(known.information) if known.information else effects.information,
                 scatter=np.array(known.scatter) if known.scatter else effects.scatter,
-            )
+            )  # fmt: skip
             if known.moderation:
                 effects = moderated(effects, np.array(known.moderation))
             effects = with_logs(effects, usual_conditions(known.noise))
         out[name] = effects
     return out
+
+
+def scattered(information: Array, vector: Array, effects: Effects) -> tuple[Array, float]:
+    """Sum of squares (n, n) of the scores of a log's stretches at its own coefficients, and their
+    overdispersion, at least 1.
+
+    The latter is the dispersion of a quasi-likelihood (McCullagh 1983, doi 10.1214/aos/1176346056), averaged
+    over the coefficients by the log's information.
+    """
+    prior, total = np.linalg.inv(effects.covariance), information.sum(axis=0)
+    inverse = np.linalg.inv(prior + total)
+    rest = vector - information @ (inverse @ (prior @ effects.mean + vector.sum(axis=0)))
+    starts = np.arange(0, len(rest), BLOCK_FRAMES)
+    scores = np.add.reduceat(rest, starts, axis=0)
+    squares = np.asarray(scores.T @ scores)
+    freedom = float(np.sum(inverse * total))  # effective number of coefficients
+    return squares, max(float(np.sum(inverse * squares)) / freedom, 1.0) if freedom > 0.0 else 1.0
+
+
+def log_equations(
+    name: str, sums: Sums, conditions: LogConditions, effects: Effects
+) -> tuple[Array, Array, LogConditions]:
+    """What one log tells of the coefficients that are the unit's own: information, vector and conditions.
+
+    What belongs to the load is marginalised. `effects` are those before anything was learnt.
+    """
+    m, v, _, _ = sums
+    m, v = marginalised(m, v, effects.wander)
+    _, over = scattered(m, v, effects)
+    own = BALANCES[name].own
+    total, vector = m.sum(axis=0) / over, v.sum(axis=0) / over
+    if not own.all():
+        spread = np.square(effects.units[~own]) + effects.between_logs(conditions)[~own]
+        inside = np.linalg.inv(total[np.ix_(~own, ~own)] + np.diag(1.0 / spread))
+        across = total[np.ix_(own, ~own)] @ inside
+        healthy = effects.mean[~own] / spread
+        vector = vector[own] - across @ (vector[~own] + healthy)
+        total = total[np.ix_(own, own)] - across @ total[np.ix_(~own, own)]
+    return total, vector, conditions
+
+
+class LogEffects(NamedTuple):
+    """Posterior of one unit's mean and of its logs' departures from it.
+
+    Attributes
+    ----------
+    mean, variance : (n,) of the unit. squares : (l, n) expected squares of the departures. told : (l, n),
+        share of each that the log tells. distance : (l,) expected squares over their variances, summed.
+    """
+
+    mean: Array
+    variance: Array
+    squares: Array
+    told: Array
+    distance: Array
+
+
+def log_effects(information: Array, vector: Array, variances: Array, mean: Array, units: Array) -> LogEffects:
+    """Expectations of a unit's random effects.
+
+    Parameters
+    ----------
+    information, vector : (l, n, n) and (l, n) of its logs. variances : (l, n) of their departures.
+    mean, units : (n,) of units' coefficients, and their variance.
+    """
+    scale = np.sqrt(variances)
+    inside = np.linalg.inv(np.eye(mean.size) + information * scale[:, :, None] * scale[:, None, :])
+    v = inside * scale[:, :, None] * scale[:, None, :]
+    va = v @ information
+    wide = information - information @ va
+    kept = vector - np.einsum("lji,lj->li", va, vector)
+    p = np.linalg.inv(np.diag(1.0 / units) + wide.sum(axis=0))
+    own_mean = p @ (mean / units + kept.sum(axis=0))
+    d = np.einsum("lij,lj->li", v, vector - information @ own_mean)
+    of_mean = np.einsum("lij,jk,lik->li", va, p, va)
+    own = np.einsum("lii->li", v)
+    told = np.clip(1.0 - own / variances, 0.0, 1.0)
+    distance = np.sum((np.square(d) + of_mean) / variances, axis=1)
+    return LogEffects(own_mean, np.diag(p), np.square(d) + own + of_mean, told, distance)
+
+
+def moderation(name: str, logs: Sequence[tuple[Array, Array, LogConditions]], effects: Effects) -> Array:
+    """A unit's log-to-log variance of each coefficient over the population's, (columns,); 1 for the load's.
+
+    Its likeliest value under an inverse gamma prior about 1, by expectation maximisation: logs that tell
+    nothing leave it at 1.
+
+    Parameters
+    ----------
+    logs : by `log_equations`.
+    """
+    own = BALANCES[name].own
+    information, vector = (np.array([log[k] for log in logs]) for k in (0, 1))
+    usual = np.array([effects.between_logs(log[2])[own] for log in logs])
+    factor = np.ones(usual.shape[1])
+    mean, units = effects.mean[own], np.square(effects.units[own])
+    for _ in range(ITERATIONS):
+        found = log_effects(information, vector, usual * factor, mean, units)
+        factor = (PRIOR_LOGS + np.sum(found.squares / usual, axis=0)) / (PRIOR_LOGS + len(logs))
+        factor = factor.clip(*MODERATION)
+    out = np.ones(own.size)
+    out[own] = factor
+    return out
+
+
+def moderated(effects: Effects, factor: Array) -> Effects:
+    """The effects of a unit whose log-to-log variances are so much the population's, (columns,)."""
+    return replace(effects, between=effects.between * np.sqrt(factor))

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdd.diagnosis.evidence import Amplitude, Evidence
-from fdd.diagnosis.hypotheses import RECOVERED, Hypothesis, end_of
-from fdd.diagnosis.time_profiles import RAMP_FRAMES
+from fdd.diagnosis.hypotheses import RAMP_FRAMES, RECOVERED, Hypothesis, end_of
 
 SAME_EFFECT = 0.5
 """Correlation of columns from which two hypotheses explain the same change."""
@@ -62,13 +61,8 @@ class Found:
         """Faults of the ambiguity group, the leading one first."""
         if not self.known:
             return ["unknown"]
-        lead = self.lead.hypothesis.fault
-        others = [
-            f
-            for f, s in sorted(self.shares.items(), key=lambda x: -x[1])
-            if s >= GROUP_SHARE and f not in (lead, RECOVERED)
-        ]
-        return [lead, *others]
+        lead, by_share = self.lead.hypothesis.fault, sorted(self.shares.items(), key=lambda x: -x[1])
+        return [lead, *(f for f, s in by_share if s >= GROUP_SHARE and f not in (lead, RECOVERED))]
 
 
 def decide(
@@ -91,11 +85,8 @@ def decide(
     while True:
         known = [f.lead for f in found]
         ends = [end_of(k.hypothesis, k.size) for k in known if k.hypothesis.ends is None]
-        fits = [
-            f
-            for f in evidence.fits([*hypotheses, *ends], known)
-            if f.gain > 0.0 and not _comes_along(f, known)
-        ]
+        fits = evidence.fits([*hypotheses, *ends], known)
+        fits = [f for f in fits if f.gain > 0.0 and not _comes_along(f, known)]
         against = SECOND_FAULT if found else 0.0
         score = max((f.score for f in fits), default=against)
         enough = len(_each_once(found)) == MOST_FAULTS or added == MOST_FINDINGS
@@ -132,16 +123,13 @@ def beside_the_newest(
     kept = list(found)
     for f in found[:-1]:
         others = [g.lead for g in kept if g is not f]
-        old = f.lead
-        (lead,) = evidence.fitted([(old.hypothesis, old.kind, old.onset, old.onset_gains)], others)
+        lead = evidence.refitted(f.lead, others)
         needless = lead.score - SECOND_FAULT < 0.5 * threshold
         if needless or lead.gain <= 0.0 or _comes_along(lead, others):
             kept = [g for g in kept if g is not f]
             continue
-        alike = evidence.correlations(lead, hypotheses) > SAME_EFFECT
-        rivals = evidence.fits(
-            [h for h, c in zip(hypotheses, alike, strict=True) if c and h is not old.hypothesis], others
-        )
+        alike = zip(hypotheses, evidence.correlations(lead, hypotheses) > SAME_EFFECT, strict=True)
+        rivals = evidence.fits([h for h, c in alike if c and h is not lead.hypothesis], others)
         fits = [lead, *(r for r in rivals if not _comes_along(r, others))]
         anew = _isolated(evidence, lead, fits, f.score)
         f.lead, f.shares = anew.lead, anew.shares
@@ -159,26 +147,19 @@ def _each_once(found: list[Found]) -> list[Found]:
 
 def _of_a_larger(unknown: Found, found: list[Found]) -> bool:
     """Whether a known fault changes a balance more than an unknown one does: it is what that law leaves."""
-    own = unknown.lead
-    return any(
-        f.known
-        and f.lead.gain > own.gain
-        and f.lead.hypothesis.columns.keys() & own.hypothesis.columns.keys()
-        for f in found
-    )
+    own = unknown.lead.hypothesis.columns.keys()
+    larger = [f for f in found if f.known and f.lead.gain > unknown.lead.gain]
+    return any(f.lead.hypothesis.columns.keys() & own for f in larger)
 
 
 def _take_its_end(evidence: Evidence, found: list[Found]) -> None:
-    """Refit a fault jointly with its end, found last: without it the amplitude is the average since the
-    onset."""
+    """Refit a fault jointly with its end, found last: without it the size is the mean since its onset."""
     end = found[-1].lead
     whole = next(f for f in found if f.lead.hypothesis.fault == end.hypothesis.ends)
     others = [f.lead for f in found[:-1] if f is not whole]
-    old = whole.lead
-    as_it_was = [(old.hypothesis, old.kind, old.onset, old.onset_gains)]
-    (whole.lead,) = evidence.fitted(as_it_was, [*others, end])
-    its_end = [(end_of(old.hypothesis, whole.lead.size), end.kind, end.onset, end.onset_gains)]
-    (found[-1].lead,) = evidence.fitted(its_end, [*others, whole.lead])
+    whole.lead = evidence.refitted(whole.lead, [*others, end])
+    its_end = end_of(whole.lead.hypothesis, whole.lead.size)
+    found[-1].lead = evidence.refitted(end, [*others, whole.lead], its_end)
 
 
 def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
@@ -192,12 +173,10 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
     for n in known:
         if not fit.onset - TOGETHER_FRAMES <= n.onset <= grown + TOGETHER_FRAMES:
             continue
-        if fit.hypothesis.ends == n.hypothesis.fault:
-            return True
-        shared = set(n.hypothesis.columns) & set(fit.hypothesis.columns)
-        if shared and fit.gain <= LAW_DOUBT**2 * n.gain:
-            return True
-        if abs(fit.active_amplitude) < LAW_DOUBT * abs(n.active_amplitude):
+        shared = n.hypothesis.columns.keys() & fit.hypothesis.columns.keys()
+        of_its_law = bool(shared) and fit.gain <= LAW_DOUBT**2 * n.gain
+        small = abs(fit.active_amplitude) < LAW_DOUBT * abs(n.active_amplitude)
+        if of_its_law or small or fit.hypothesis.ends == n.hypothesis.fault:
             return True
     return False
 
@@ -225,8 +204,5 @@ def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude], score:
     for f, w in zip(candidates, weight, strict=True):
         shares[f.hypothesis.fault] = shares.get(f.hypothesis.fault, 0.0) + float(w)
     fault = max(shares, key=lambda k: shares[k])
-    lead = max(
-        ((f, w) for f, w in zip(candidates, weight, strict=True) if f.hypothesis.fault == fault),
-        key=lambda x: x[1],
-    )[0]
-    return Found(lead, score, shares)
+    own = [k for k, f in enumerate(candidates) if f.hypothesis.fault == fault]
+    return Found(candidates[max(own, key=lambda k: weight[k])], score, shares)

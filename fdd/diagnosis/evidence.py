@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.departures import VAGUE, changes
+from fdd.diagnosis.departures import VAGUE, as_normal, changes, freedom
 from fdd.diagnosis.fitting import (
     GREATEST,
     BalancePosterior,
@@ -28,9 +28,7 @@ from fdd.diagnosis.fitting import (
     fit,
     known_scatter,
 )
-from fdd.diagnosis.hypotheses import Hypothesis
-from fdd.diagnosis.students_t import as_normal, freedom
-from fdd.diagnosis.time_profiles import KINDS, SuffixSums, time_profile_of
+from fdd.diagnosis.hypotheses import KINDS, Hypothesis, SuffixSums, time_profile_of
 from fdd.residuals.effects import Effects
 
 Array = NDArray[np.float64]
@@ -69,8 +67,7 @@ class Amplitude(Fit):
 
 
 def _likeliest(gain: Array) -> int:
-    """Place of the largest gain over onsets; the middle one of a plateau, which frames without information
-    make."""
+    """Place of the largest gain over onsets; the middle of a plateau, which frames that tell nothing make."""
     best = np.flatnonzero(gain >= (1.0 - 1e-6) * gain.max())
     return int(best[best.size // 2])
 
@@ -91,13 +88,9 @@ class Evidence:
     """
 
     def __init__(
-        self,
-        frames: Mapping[str, tuple[Array, Array]],
-        effects: Mapping[str, Effects],
-        *,
-        from_start: bool = True,
-        stretches: Stretches = Stretches(),
-    ) -> None:
+        self, frames: Mapping[str, tuple[Array, Array]], effects: Mapping[str, Effects], *,
+        from_start: bool = True, stretches: Stretches = Stretches(),
+    ) -> None:  # fmt: skip
         self.alone: list[Amplitude] = []
         # By the known faults that a hypothesis shares balances with, and by its identity.
         self._kept: dict[Known, dict[int, tuple[Hypothesis, Amplitude | None]]] = {}
@@ -114,11 +107,8 @@ class Evidence:
 
     def fits(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> list[Amplitude]:
         """Fit hypotheses at their likeliest onsets and time profiles, jointly with known faults; those
-        without gain are left out.
-
-        A known fault matters to those alone that share a balance with it, be it by way of another known one,
-        and fits that nothing new matters to are kept.
-        """
+        without gain are left out. A known fault matters to those alone that share a balance with it, be it by
+        way of another known one, and fits that nothing new matters to are kept."""
         if not self.onsets.size:
             return []
         groups: dict[tuple[int, ...], list[Hypothesis]] = {}
@@ -139,17 +129,13 @@ class Evidence:
         return found
 
     def _coupled(self, h: Hypothesis, known: Sequence[Amplitude]) -> tuple[int, ...]:
-        """Places of the known faults in the balances of a hypothesis, and of those in the balances of
-        these."""
+        """Places of the known faults in a hypothesis's balances, and of those in the balances of these."""
         reached, places = self.balances.keys() & h.columns.keys(), set[int]()
-        while True:
-            more = [
-                i for i, k in enumerate(known) if i not in places and reached & k.hypothesis.columns.keys()
-            ]
-            if not more:
-                return tuple(sorted(places))
+        touched = [self.balances.keys() & k.hypothesis.columns.keys() for k in known]
+        while more := [i for i, names in enumerate(touched) if i not in places and reached & names]:
             places.update(more)
-            reached |= self.balances.keys() & {n for i in more for n in known[i].hypothesis.columns}
+            reached = reached.union(*(touched[i] for i in more))
+        return tuple(sorted(places))
 
     def _fits(self, testable: Sequence[Hypothesis], known: Sequence[Amplitude]) -> list[Amplitude]:
         """As `fits`, whatever balances they share."""
@@ -196,28 +182,23 @@ class Evidence:
         return np.where(takes[..., None], np.moveaxis(gain, 1, 2), -np.inf)
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
-        """Score contribution (h, n) of known faults to a balance's frames, less the nuisance shift they
-        cause."""
+        """Score contribution (h, n) of known faults to a balance's frames, less the shift they cause."""
         e = self.balances[name]
         added = sum(
             n.time_profile[:, None] * e.score_contribution(n.hypothesis.columns[name] * n.size)
             for n in known
             if name in n.hypothesis.columns
         )
-        return (
-            added if isinstance(added, int) else added - e.score_contribution(e.inverse @ added.sum(axis=0))
-        )
+        if isinstance(added, int):  # no known fault is in this balance
+            return added
+        return added - e.score_contribution(e.inverse @ added.sum(axis=0))
 
     def unexplained(self, found: Amplitude, known: Sequence[Amplitude]) -> float:
         """Log likelihood ratio of an unmodelled change of a finding's balances from its onset on, against
-        what is found already and healthy variation.
-
-        The expectation under chance for as many free coefficients is subtracted.
-        """
+        what is found already and healthy variation; less its expectation by chance for as many free
+        coefficients."""
         total = 0.0
-        for name in found.hypothesis.columns:
-            if name not in self.balances:
-                continue
+        for name in (n for n in found.hypothesis.columns if n in self.balances):
             e = self.balances[name]
             s = e.schur_complement(found.time_profile)
             left = found.time_profile @ (e.rest - self._moved(name, known))
@@ -231,6 +212,13 @@ class Evidence:
             by_chance = max(found.reduced_chi_square, 1.0) * np.trace(beyond @ s)
             total += 0.5 * float(left @ beyond @ left - by_chance)
         return total
+
+    def refitted(
+        self, old: Amplitude, known: Sequence[Amplitude], hypothesis: Hypothesis | None = None
+    ) -> Amplitude:
+        """The same fault, or another hypothesis in its place, fitted anew jointly with known faults."""
+        (found,) = self.fitted([(hypothesis or old.hypothesis, old.kind, old.onset, old.onset_gains)], known)
+        return found
 
     def fitted(
         self, found: Sequence[tuple[Hypothesis, str, int, Array]], known: Sequence[Amplitude]
@@ -255,21 +243,24 @@ class Evidence:
                                  onset_gains=gain, onsets=self.onsets))  # fmt: skip
         return out
 
+    def _columns(self, name: str, hypotheses: Sequence[Hypothesis]) -> Array:
+        """Hypotheses' columns (f, n) in a balance, zero where they do not change it."""
+        none = np.zeros(self.balances[name].solution.size)
+        return np.array([h.columns.get(name, none) for h in hypotheses])
+
     def _parts(self, faults: Sequence[Sequence[Hypothesis]], time_profiles: Array) -> Parts:
         """Faults, each with those that it is fitted jointly with, in the balances that any changes."""
         columns = {}
-        for name, e in self.balances.items():
-            none = np.zeros(e.solution.size)
-            rows = [[h.columns.get(name, none) for h in each] for each in faults]
-            if np.any(rows):
-                columns[name] = np.array(rows)
+        for name in self.balances:
+            rows = np.array([self._columns(name, each) for each in faults])
+            if rows.any():
+                columns[name] = rows
         scales = np.array([[h.scale for h in each] for each in faults])
         return Parts(columns, time_profiles, scales, np.array([each[0].signed for each in faults]))
 
     def least_visible(self, hypotheses: Sequence[Hypothesis], onset: int, score: float) -> Array:
         """Smallest amplitude (f,) of each hypothesis that would have this score in nine of ten logs, were it
-        a step from a frame on; infinite where no balance has its columns.
-        """
+        a step from a frame on; infinite where no balance has its columns."""
         out = np.full(len(hypotheses), np.inf)
         mine = np.array([k for k, h in enumerate(hypotheses) if self.shared(h)], dtype=np.int64)
         if not mine.size or not self.onsets.size:
@@ -295,9 +286,7 @@ class Evidence:
         in the metric of the information."""
         cross, own, theirs = np.zeros(len(others)), 1e-12, np.full(len(others), 1e-12)
         for name, e in self.balances.items():
-            none = np.zeros(e.solution.size)
-            g = one.hypothesis.columns.get(name, none)
-            f = np.array([h.columns.get(name, none) for h in others])
+            (g,), f = self._columns(name, [one.hypothesis]), self._columns(name, others)
             s = e.schur_complement(one.time_profile)
             own += float(g @ s @ g)
             theirs += np.einsum("fi,ij,fj->f", f, s, f)

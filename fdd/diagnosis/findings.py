@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from operator import is_, not_
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,7 +19,6 @@ from fdd.faults import CATALOGUE, FAMILIES
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SCHEMA = "fdd.diagnosis/1"
 ESTIMATED: dict[str, tuple[str, str, str]] = {
     "leakage": ("m^3/(s*Pa)", "1e-12 m³/(s·Pa)", "Leakage coefficient"),
     "bulk_modulus": ("Pa", "MPa", "Effective bulk modulus"),
@@ -27,6 +28,7 @@ ESTIMATED: dict[str, tuple[str, str, str]] = {
 """Estimated quantities: SI unit in the answer, unit for people, title."""
 
 DISPLAY_SCALE = {"leakage": 1e12, "bulk_modulus": 1e-6, "coulomb_friction": 1.0, "viscous_friction": 1.0}
+is_none = partial(is_, None)
 
 
 class FaultFinding(BaseModel):
@@ -78,14 +80,6 @@ class MethodEstimate(BaseModel):
     std: float
 
 
-def _is_none(value: object) -> bool:
-    return value is None
-
-
-def _is_empty(value: object) -> bool:
-    return not value
-
-
 class Estimate(BaseModel):
     """A tracked quantity at the end of the log, beside its healthy value (SI).
 
@@ -109,8 +103,14 @@ class Estimate(BaseModel):
     held_std: float | None = None
     age_s: float | None = None
     information_std: float | None = None
-    held_because: str | None = Field(default=None, exclude_if=_is_none)
-    methods: dict[str, MethodEstimate] = Field(default_factory=dict, exclude_if=_is_empty)
+    held_because: str | None = Field(default=None, exclude_if=is_none)
+    methods: dict[str, MethodEstimate] = Field(default_factory=dict, exclude_if=not_)
+
+
+def no_estimates() -> dict[str, Estimate]:
+    """Those of a log of which nothing is known."""
+    none = {"baseline": None, "value": None, "std": None, "observable": False}
+    return {name: Estimate.model_validate({"unit": si, **none}) for name, (si, _, _) in ESTIMATED.items()}
 
 
 class Quality(BaseModel):
@@ -170,11 +170,10 @@ class Diagnosis(BaseModel):
     Attributes
     ----------
     started_at : when the log's time was 0 (ISO 8601, UTC), where the log tells. prior : probability of a
-        fault before the log was seen, that confidence and verdict rest on.
-    versions : of fdd and model, and of packages that added faults or trackers. sha256 : of the files log,
-        map, profile and model, as far as they were given.
-    error : of a log among several that could not be read, why; the rest of the answer is empty then.
-    second_opinion : of a classifier, where one was asked (``fdd diagnose --classifier``).
+        fault before the log was seen, that confidence and verdict rest on. versions : of fdd and model, and
+        of packages that added faults or trackers. sha256 : of the files log, map, profile and model, as far
+        as they were given. error : of a log among several that could not be read, why; the rest of the answer
+        is empty then. second_opinion : of a classifier, where one was asked (``fdd diagnose --classifier``).
     """
 
     model_config = ConfigDict(populate_by_name=True, json_schema_serialization_defaults_required=True)
@@ -195,9 +194,9 @@ class Diagnosis(BaseModel):
     prior: float = 0.5
     versions: dict[str, str] = Field(default_factory=dict)
     sha256: dict[str, str] = Field(default_factory=dict)
-    started_at: str | None = Field(default=None, exclude_if=_is_none)
-    error: str | None = Field(default=None, exclude_if=_is_none)
-    second_opinion: SecondOpinion | None = Field(default=None, exclude_if=_is_none)
+    started_at: str | None = Field(default=None, exclude_if=is_none)
+    error: str | None = Field(default=None, exclude_if=is_none)
+    second_opinion: SecondOpinion | None = Field(default=None, exclude_if=is_none)
     _draw: Callable[[], Any] | None = PrivateAttr(default=None)
     """Draws the log that this is the answer for; no part of the answer."""
 
@@ -242,11 +241,7 @@ class Diagnosis(BaseModel):
         """
         return cls(
             log=log, axis="", unit="", duration_s=0.0, samples=0, verdict="inconclusive", faults=[],
-            probabilities=dict.fromkeys(FAMILIES, 0.0),
-            estimates={
-                name: Estimate(unit=unit, baseline=None, value=None, std=None, observable=False)
-                for name, (unit, _, _) in ESTIMATED.items()
-            },
+            probabilities=dict.fromkeys(FAMILIES, 0.0), estimates=no_estimates(),
             quality=Quality(notes=[error]), versions={"fdd": fdd.__version__}, sha256=sha256, error=error,
         )  # fmt: skip
 
@@ -255,21 +250,18 @@ class Diagnosis(BaseModel):
 class Trajectories:
     """Everything over time that the report and the annotated MCAP show.
 
-    Estimates are sampled every few samples (`time`, (n,)), windows at each
-    window's end (`window_time`, (m,)).
+    Estimates are sampled every few samples (`time`, (n,)), windows at each one's end (`window_time`, (m,)).
 
     Attributes
     ----------
-    estimates, stds : ``{"ekf": {"leakage": (n,), …}, "svsf": {…}}``, SI.
-    observable : ``{"leakage": (n,) bool, …}``.
-    held, held_std, information_std : quantity to (n,), of the EKF: the last value while observable and its
-        standard deviation, NaN before; the standard deviation that the last seconds alone would give.
-    nis : normalised innovation squared of each filter per sample kept, (n,).
-    feature_names : (k,) names of the residual features.
-    features : (m, k) how badly each balance closes, in what a healthy unit's does.
+    estimates, stds : ``{"ekf": {"leakage": (n,), …}, "svsf": {…}}``, SI. observable : ``{"leakage": (n,)
+        bool, …}``. held, held_std, information_std : quantity to (n,), of the EKF: the last value while
+        observable and its standard deviation, NaN before; the standard deviation that the last seconds alone
+        would give. nis : normalised innovation squared of each filter per sample kept, (n,).
+    feature_names : (k,) names of the residual features. features : (m, k) how badly each balance closes, in
+        what a healthy unit's does.
     statistic, threshold, even : the sequential test's statistic (m,), its threshold for an alarm, and the
-        score from which the log in hand is rather faulty than healthy.
-    probabilities : family to (m,) probabilities.
+        score from which the log in hand is rather faulty than healthy. probabilities : family to (m,).
     """
 
     time: NDArray[np.float64]

@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.departures import Departures, departures
-from fdd.diagnosis.students_t import freedom, heavy_tailed, log_normal, unusual
+from fdd.diagnosis.departures import Departures, departures, freedom, heavy_tailed, log_normal, unusual
 from fdd.residuals.bins import BLOCK_FRAMES
 from fdd.residuals.effects import Effects
 
@@ -59,19 +58,15 @@ class BalancePosterior:
         self.inverse: Array = np.asarray(np.linalg.inv(prior + self.total), dtype=np.float64)
         self.solution: Array = self.inverse @ (prior @ healthy.mean + vector.sum(axis=0))
         self.rest = vector - information @ self.solution
-
         values, vectors = np.linalg.eigh(0.5 * (self.inverse + self.inverse.T))
         self.root: Array = vectors * np.sqrt(values.clip(0.0))
 
     def schur_complement(self, time_profile: Array) -> Array:
         """Information (n, n) of a change of the coefficients over a time profile (h,), the log's own
         coefficients eliminated: the Schur complement of their block."""
-        n = time_profile.size
-        flat = self.information.reshape(n, -1)
-        moved, squared = (c @ flat for c in (time_profile, time_profile**2))
-        shape = self.information.shape[1:]
-        moved = moved.reshape(shape)
-        return np.asarray(squared.reshape(shape) - moved @ self.inverse @ moved)
+        flat, shape = self.information.reshape(time_profile.size, -1), self.information.shape[1:]
+        moved, squared = ((c @ flat).reshape(shape) for c in (time_profile, time_profile**2))
+        return np.asarray(squared - moved @ self.inverse @ moved)
 
     def conditional(self, changes: Array) -> tuple[Array, Array]:
         """Posterior under the prior conditional on no deviation along changes (f, n) of the coefficients.
@@ -118,7 +113,7 @@ class Joint:
         self, balance: BalancePosterior, mine: Indices, columns: Array, time_profiles: Array, *,
         from_start: bool = False,
     ) -> None:  # fmt: skip
-        self.balance, self.mine, self.columns, self.time_profiles = balance, mine, columns, time_profiles
+        self.balance, self.mine = balance, mine
         self.inverse, self.rest = balance.inverse[None], balance.rest[None]
         if from_start:
             self.inverse, self.rest = balance.conditional(columns[:, 0])
@@ -186,12 +181,11 @@ class Parts:
 
     def joints(self, balances: Mapping[str, BalancePosterior], *, from_start: bool = False) -> list[Joint]:
         """In every balance that they change."""
-        out = []
-        for name, columns in self.columns.items():
-            mine = np.flatnonzero(columns.any(axis=(1, 2)))
-            profiles = self.time_profiles[mine]
-            out.append(Joint(balances[name], mine, columns[mine], profiles, from_start=from_start))
-        return out
+        changed = {name: np.flatnonzero(c.any(axis=(1, 2))) for name, c in self.columns.items()}
+        return [
+            Joint(balances[n], k, self.columns[n][k], self.time_profiles[k], from_start=from_start)
+            for n, k in changed.items()
+        ]
 
 
 class Stretches(NamedTuple):
@@ -204,12 +198,7 @@ class Stretches(NamedTuple):
 def fit(
     balances: Mapping[str, BalancePosterior], parts: Parts, *, from_start: bool, stretches: Stretches
 ) -> list[Fit]:
-    """Fit each fault jointly with the known ones.
-
-    Parameters
-    ----------
-    from_start : the faults were present before the first frame.
-    """
+    """Fit each fault jointly with the known ones; `from_start`: present before the first frame."""
     joints = parts.joints(balances)
     scales, time_profiles = parts.scales, parts.time_profiles
     information, vector = _summed(joints, 1.0 / scales**2)
@@ -270,9 +259,8 @@ def fit(
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
     more = unusual(balances, parts, overdispersion) if from_start else 0.0
     spread = 1.0 + likely.healthy * more
-    ratio = heavy_tailed(
-        _gain(likely, size) / spread, freedom(likely.healthy * (1.0 + more) / spread, behind)
-    )
+    share = likely.healthy * (1.0 + more) / spread
+    ratio = heavy_tailed(_gain(likely, size) / spread, freedom(share, behind))
     occam = 0.5 * np.log1p(scales[:, 0] ** 2 * precision)  # of Laplace's approximation
     score = ratio - occam
     one_sided = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
@@ -281,10 +269,8 @@ def fit(
     while_acting = _while_acting(frame_scores, frame_information, overdispersion)
     active_amplitude = np.clip(size * while_acting, -most, most)
     variance = 1.0 / precision + np.maximum(reduced_chi_square - overdispersion, 0.0) / schur
-    columns = np.column_stack(
-        [size, variance, active_amplitude, gain, overdispersion, reduced_chi_square, behind, score]
-    )
-    return [Fit(*row) for row in columns.tolist()]
+    rows = (size, variance, active_amplitude, gain, overdispersion, reduced_chi_square, behind, score)
+    return [Fit(*row) for row in np.column_stack(rows).tolist()]
 
 
 def _summed(joints: Sequence[Joint], precision: Array) -> tuple[Array, Array]:
@@ -325,10 +311,8 @@ def by_noise_model(
 
 
 def _while_acting(u: Array, w: Array, overdispersion: Array) -> Array:
-    """Amplitude while acting over the mean amplitude (f,): 2 for a fault that acts half the time.
-
-    The mean of the frames' amplitudes weighted by themselves, less the bias by their errors' variance.
-    """
+    """Amplitude while acting over the mean amplitude (f,): 2 for a fault that acts half the time. It is the
+    mean of the frames' amplitudes weighted by themselves, less the bias by their errors' variance."""
     acts = w > 1e-3 * w.max(axis=1, initial=1e-300, keepdims=True)
     square = np.sum(np.where(acts, np.square(u + w) / np.where(acts, w, 1.0), 0.0), axis=1)
     square -= overdispersion * acts.sum(axis=1)
@@ -364,8 +348,7 @@ def _scatter(
     def moderated(weights: Array, scores: Array) -> Array:
         information = weights.sum(axis=1)
         stretches = information**2 / np.maximum(np.sum(weights**2, axis=1), 1e-300) - 1.0
-        # The share of the nuisance parameters' information that the prior gives shows no scatter within the
-        # log.
+        # The nuisance parameters' information that the prior gives shows no scatter within the log.
         share = information / np.maximum(information + prior_information, 1e-300)
         stretches = np.maximum(stretches, 0.0) * np.where(later[:, 0], share, 1.0)
         own = np.sum(weights * scores**2 / w, axis=1) / np.maximum(information, 1e-300)
@@ -377,8 +360,7 @@ def _scatter(
 
 
 def known_scatter(balances: Mapping[str, BalancePosterior], directions: Mapping[str, Array]) -> Array:
-    """Overdispersion (f,) by the unit's baseline alone, in directions (f, n) of each balance's
-    coefficients."""
+    """Overdispersion (f,) by the unit's baseline alone, in directions (f, n) of balances' coefficients."""
     information, scatter = 0.0, 0.0
     for name, d in directions.items():
         e = balances[name]

@@ -1,4 +1,4 @@
-"""The catalogue's signatures as columns of this unit's balances."""
+"""The catalogue's signatures as columns of this unit's balances, and the time profiles of faults."""
 
 from __future__ import annotations
 
@@ -14,11 +14,17 @@ from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 RECOVERED = "recovered"
 """Stands in a fault's place where the end of one is meant."""
 USUAL_SEVERITY = 0.7
 """Standard deviation of a severity before any log is seen: most lie below the gross one."""
+KINDS = ("step", "ramp", "drift")
+RAMP_FRAMES = 24
+"""Frames over which a ramp grows to its full size: 12 s."""
+DRIFT_FRAMES = 100
+"""Frames in which a drift grows by one: 50 s."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +35,8 @@ class Hypothesis:
     ----------
     fault, label : of the catalogue. columns : balance to (n,) change of its coefficients per severity.
     scale : prior standard deviation of the amplitudes. signed : the amplitude cannot be negative.
-    time_profiles : of `fdd.diagnosis.time_profiles`, that the fault may take. prior_weight : prior
-        weight among alike ones. ends : the fault that it is the end of.
+    time_profiles : of `KINDS`, that the fault may take. prior_weight : prior weight among alike ones. ends :
+        the fault that it is the end of.
     """
 
     fault: str
@@ -99,20 +105,10 @@ def hypotheses(unit: Unit, effects: dict[str, Effects]) -> list[Hypothesis]:
                     if name not in names:
                         raise unusable(entry.id, f"balance {balance!r} has no column {name!r}", names)
                     columns[balance][names.index(name)] = change
-            out.append(
-                Hypothesis(
-                    entry.id,
-                    s.label,
-                    columns,
-                    USUAL_SEVERITY,
-                    s.signed,
-                    s.courses,
-                    s.commonness,
-                    s.side,
-                    s.variant,
-                    s.channel,
-                )
-            )
+            out.append(Hypothesis(
+                entry.id, s.label, columns, USUAL_SEVERITY, s.signed, s.courses, s.commonness,
+                s.side, s.variant, s.channel,
+            ))  # fmt: skip
     return out
 
 
@@ -120,3 +116,56 @@ def end_of(h: Hypothesis, size: float) -> Hypothesis:
     """That a fault of an amplitude is over: all that it changed steps back."""
     columns = {balance: -size * change for balance, change in h.columns.items()}
     return Hypothesis(RECOVERED, h.label, columns, 1.0, signed=True, time_profiles=("step",), ends=h.fault)
+
+
+def time_profile_of(kind: str, frames: int, onset: int) -> Array:
+    """Time profile φ (frames,) of a step, ramp or drift that begins with a frame."""
+    since = np.arange(frames) - onset
+    if kind == "ramp":
+        return np.clip((since + 0.5) / RAMP_FRAMES, 0.0, 1.0)
+    if kind == "drift":
+        return np.maximum((since + 0.5) / DRIFT_FRAMES, 0.0)
+    return (since >= 0).astype(np.float64)
+
+
+class SuffixSums:
+    """Sums over frames of (h, …) times a time profile or its square, for each onset of the profile, (k, …);
+    by repeated suffix sums, so that every onset costs the same."""
+
+    def __init__(self, x: Array) -> None:
+        self.one = _from_here(x)
+        self.two = _from_here(self.one)
+        self.grown = self.two - 0.5 * self.one
+
+    def over(self, kind: str, onsets: Indices) -> Array:
+        """Σ φ x."""
+        if kind == "step":
+            return self.one[onsets]
+        if kind == "drift":
+            return self.grown[onsets] / DRIFT_FRAMES
+        return (self.grown[onsets] - _later(self.grown, onsets)) / RAMP_FRAMES
+
+    def squared(self, kind: str, onsets: Indices) -> Array:
+        """Σ φ² x."""
+        if kind == "step":
+            return self.one[onsets]
+        square = 2.0 * (_from_here(self.two) - self.two) + 0.25 * self.one
+        if kind == "drift":
+            return square[onsets] / DRIFT_FRAMES**2
+        # Past its end a ramp has grown by its whole length l: (k + l)² - l² = k² + 2 l k is too much.
+        past = _later(square + 2.0 * RAMP_FRAMES * self.grown, onsets)
+        return (square[onsets] - past) / RAMP_FRAMES**2
+
+
+def _from_here(x: Array) -> Array:
+    """Sums of (h, …) from each frame to the last."""
+    return np.asarray(np.cumsum(x[::-1], axis=0)[::-1])
+
+
+def _later(x: Array, onsets: Indices) -> Array:
+    """Values a ramp's length after onsets; none after the last frame."""
+    at = onsets + RAMP_FRAMES
+    out = np.zeros((at.size, *x.shape[1:]))
+    inside = at < len(x)
+    out[inside] = x[at[inside]]
+    return out

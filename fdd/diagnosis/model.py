@@ -1,8 +1,5 @@
 """What was learnt about the balances' evidence: how often healthy hours reach a score, and what a score is
-worth.
-
-It is data, small and to be read: two curves, with where they come from. ``fdd train`` makes it from a data
-set.
+worth. It is small data: two curves, with where they come from, which ``fdd train`` makes from a data set.
 """
 
 from __future__ import annotations
@@ -10,28 +7,26 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from functools import partial
 from importlib import resources
+from operator import eq
 from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fdd.bounds import MAX_MODEL_BYTES
-from fdd.errors import InputError
+from fdd.diagnosis.findings import is_none
+from fdd.errors import InputError, input_error
 from fdd.faults import ADDED_BY, fault
 from fdd.files import write_text
 from fdd.residuals.effects import Spreads
-from fdd.validation import input_error
 
 SHIPPED = "model.json"
 HELD_IN_DOUBT = 0.5
 """Confidence below which a finding is a hint: it makes no verdict, and does not count as answered."""
 MOST = 1e6
 """Of a score, an hour or a rate; beyond it no data set reaches."""
-
-
-def _is_none(value: object) -> bool:
-    return value is None
 
 
 def root(score: float) -> float:
@@ -77,10 +72,6 @@ class AlarmTail(BaseModel):
         return 0.5 * (self.height + self.scale * passed) ** 2
 
 
-def _is_even(prior: object) -> bool:
-    return prior == 0.5
-
-
 class Calibration(BaseModel):
     """Probability that something is wrong.
 
@@ -101,14 +92,11 @@ class Calibration(BaseModel):
     least: float = Field(default=0.0, ge=0.0, le=MOST)
     second: float = Field(default=2.0, ge=0.0, le=MOST)
     severity_doubt: float = Field(default=0.15, ge=0.0, le=10.0)
-    prior: float = Field(default=0.5, gt=0.0, lt=1.0, exclude_if=_is_even)
+    prior: float = Field(default=0.5, gt=0.0, lt=1.0, exclude_if=partial(eq, 0.5))
 
     def probability(self, score: float, hidden: float = 0.0, *, second: bool = False) -> float:
-        """Of a fault, given the largest score.
-
-        Parameters
-        ----------
-        hidden : share of faults that this log could not have shown. second : a surer one was found.
+        """Of a fault, given the largest score; `hidden` is the share of faults that this log could not have
+        shown, `second` that a surer one was found.
 
         Examples
         --------
@@ -158,12 +146,11 @@ class Model(BaseModel):
     """The data set that it was learnt on."""
     tail: AlarmTail
     calibration: Calibration
-    faults: tuple[str, ...] | None = Field(default=None, strict=False, exclude_if=_is_none)
+    faults: tuple[str, ...] | None = Field(default=None, strict=False, exclude_if=is_none)
     """Faults of the logs that it was learnt on; None stands for those that fdd ships."""
-    laws: dict[str, list[str]] | None = Field(default=None, exclude_if=_is_none)
+    laws: dict[str, list[str]] | None = Field(default=None, exclude_if=is_none)
     """Fault to the laws by which it was there in these logs; None stands for the first of each."""
-
-    spreads: Spreads | None = Field(default=None, exclude_if=_is_none)
+    spreads: Spreads | None = Field(default=None, exclude_if=is_none)
     """What healthy units and logs differ by; None stands for what fdd ships."""
 
     def with_prior(self, prior: float) -> Model:
@@ -196,29 +183,24 @@ class Model(BaseModel):
     @classmethod
     def load(cls, path: str | Path | None = None) -> Model:
         """Read a model file; None takes the shipped one."""
+        mend = "give a file that fdd train wrote"
         if path is None:
             text, where = (resources.files("fdd.diagnosis") / SHIPPED).read_text(encoding="utf-8"), SHIPPED
         else:
             file, where = Path(path), str(path)
             if not file.is_file():
-                raise InputError("no such model file", where=where, mend="give a file that fdd train wrote")
+                raise InputError("no such model file", where=where, mend=mend)
             if file.stat().st_size > MAX_MODEL_BYTES:
-                raise InputError(
-                    f"larger than {MAX_MODEL_BYTES} bytes",
-                    where=where,
-                    mend="give a file that fdd train wrote",
-                )
+                raise InputError(f"larger than {MAX_MODEL_BYTES} bytes", where=where, mend=mend)
             text = file.read_text(encoding="utf-8", errors="replace")
         try:
             return cls.model_validate(json.loads(text))
         except json.JSONDecodeError as error:
-            raise InputError(
-                f"line {error.lineno}: not JSON", where=where, mend="give a file that fdd train wrote"
-            ) from None
+            raise InputError(f"line {error.lineno}: not JSON", where=where, mend=mend) from None
         except ValidationError as error:
             raise input_error(error, where, "train the model anew") from None
         except (ValueError, RecursionError):  # a figure of thousands of digits, or nested without end
-            raise InputError("not a model", where=where, mend="give a file that fdd train wrote") from None
+            raise InputError("not a model", where=where, mend=mend) from None
 
     def save(self, path: str | Path) -> None:
         """Write the model whole or not at all."""

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.active_faults import Evaluation
-from fdd.diagnosis.agreement import believed
 from fdd.diagnosis.answering import (
     Span,
-    estimates_by,
-    estimates_of,
     hidden_share,
     invisible,
     probabilities_of,
@@ -23,12 +20,13 @@ from fdd.diagnosis.answering import (
     versions_of,
 )
 from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
+from fdd.diagnosis.estimates import believed, estimates_by, estimates_of
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
 from fdd.diagnosis.fitting import Stretches
 from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.model import HELD_IN_DOUBT, Model
-from fdd.diagnosis.sequential_detector import SequentialDetector
+from fdd.diagnosis.sequential_detector import Evaluation, SequentialDetector
 from fdd.errors import InputError
 from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.balance_history import BalanceHistory
@@ -85,20 +83,10 @@ class Pipeline:
     """
 
     def __init__(
-        self,
-        unit: Unit,
-        model: Model | None = None,
-        *,
-        axis: str = "axis",
-        log: str = "",
-        keep_trajectories: bool = True,
-        without: Collection[str] = (),
-        trackers: Collection[str] = (),
-    ) -> None:
-        self.unit = unit
-        self.model = model or Model.load()
-        self.axis = axis
-        self.log = log
+        self, unit: Unit, model: Model | None = None, *, axis: str = "axis", log: str = "",
+        keep_trajectories: bool = True, without: Collection[str] = (), trackers: Collection[str] = (),
+    ) -> None:  # fmt: skip
+        self.unit, self.model, self.axis, self.log = unit, model or Model.load(), axis, log
         self.threshold = self.model.tail.threshold(unit.monitoring.false_alarms_per_hour * 3600.0)
         self._effects = effects_of(unit, self.model.spreads)
         self._sensors = SensorWatch(unit)
@@ -106,6 +94,10 @@ class Pipeline:
         self._added = [AddedTracker(name, unit) for name in dict.fromkeys(trackers)]
         self._bins = BinMaker(unit, SCAN_FRAMES)
         self._history = BalanceHistory(unit, self._effects)
+        self._parts: dict[str, Tracked | BinMaker | BalanceHistory | SensorWatch] = {
+            "tracked": self._tracked, "bins": self._bins, "history": self._history, "sensors": self._sensors,
+        }  # fmt: skip
+        """What has a state of its own, by the prefix of its arrays."""
         self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
         self._count = 0
@@ -138,8 +130,7 @@ class Pipeline:
 
         Raises
         ------
-        InputError : time that does not go on from the last block, or channels that do not
-            suffice for a diagnosis.
+        InputError : time that does not go on from the last block, or channels that do not suffice.
         """
         if not len(samples):
             return []
@@ -200,8 +191,7 @@ class Pipeline:
 
     @property
     def looked_at(self) -> float:
-        """s, end of the data at the last evaluation of the evidence, every five seconds; 0 before the
-        first."""
+        """s, end of the data at the last evaluation of the evidence (every five seconds); 0 before."""
         return self._acute.at
 
     def misfits(self) -> tuple[Array, list[str], Array]:
@@ -213,8 +203,7 @@ class Pipeline:
         return estimates_by(self._tracked, self.unit, self.standing, method)
 
     def now(self) -> tuple[dict[str, float], dict[str, Estimate], dict[str, float]]:
-        """By the last evaluation: each family's probability, tracked quantities, and how badly balances
-        close."""
+        """By the last evaluation: each family's probability, estimates, and how badly balances close."""
         standing = sorted(self.standing, key=lambda f: -f.confidence)
         score = self._scans[-1][1] if self._scans else 0.0
         _, names, misfits = self._history.misfits()
@@ -225,8 +214,7 @@ class Pipeline:
         )
 
     def _evaluate(self, even: float | None = None) -> Evaluation:
-        """Evidence now, older frames being the reference, and what it says; see
-        `SequentialDetector.evaluate`."""
+        """What the evidence says now, older frames being the reference; see `SequentialDetector.evaluate`."""
         history = self._history
         start = history.fold(WINDOW_FRAMES, self._acute.active.intervals())
         evidence = Evidence(history.marginalised(), history.held_against(), from_start=start == 0)
@@ -265,18 +253,12 @@ class Pipeline:
         return [f for f in fresh if f.family not in seen]
 
     def finish(self, quality: Quality | None = None) -> Diagnosis:
-        """The answer on all samples pushed so far: what alarmed, and what is likelier than not.
-
-        Parameters
-        ----------
-        quality : what the reader noted about the data; reasons for the verdict are put first.
-        """
+        """The answer on all samples pushed so far: what alarmed, and what is likelier than not. `quality` is
+        what the reader noted about the data; reasons for the verdict are put first."""
         quality = (quality or Quality()).model_copy(deep=True)
-        self.fitted = []
         duration = float(self._last_time - self._first_time) if self._count else 0.0
         faults = [sensor_fault(f) for f in self._sensors.findings()]
-        hydraulic, score = list[FaultFinding](), 0.0
-        unseen = []
+        self.fitted, self.score, hydraulic, unseen = [], 0.0, list[FaultFinding](), []
         rest = self._bins.rest()
         self._history.push(*rest)
         for added in self._added:
@@ -284,7 +266,7 @@ class Pipeline:
         if len(self._history.frames) >= VERDICT_FRAMES:
             even = min(self.model.calibration.even, self.threshold)
             evaluation = self._evaluate(even)
-            hydraulic, score = evaluation.findings, evaluation.stands
+            hydraulic, self.score = evaluation.findings, evaluation.stands
             self.fitted = evaluation.evidence.alone
             unseen = invisible(evaluation.evidence, self._hypotheses, even)
         for f in hydraulic:
@@ -297,13 +279,12 @@ class Pipeline:
         hydraulic += self._acute.active.past({f.family for f in hydraulic}, start)
         faults += [*hydraulic, *self._slowly({f.family for f in hydraulic})]
         faults.sort(key=lambda f: -f.confidence)
-        self.score = score
-        probabilities = probabilities_of(faults, self.model, score, hidden_share(unseen))
+        probabilities = probabilities_of(faults, self.model, self.score, hidden_share(unseen))
         verdict: Literal["healthy", "faulty", "inconclusive"] = "faulty"
         if not faults:
             doubts = self._doubts(duration)
             if not doubts and probabilities["healthy"] < HELD_IN_DOUBT:
-                doubts = [f"evidence for a fault (score {score:.1f} of {even:.1f}) is not enough"]
+                doubts = [f"evidence for a fault (score {self.score:.1f} of {even:.1f}) is not enough"]
             verdict = "inconclusive" if doubts else "healthy"
             quality.notes = doubts + quality.notes
         elif faults[0].confidence < HELD_IN_DOUBT:
@@ -344,24 +325,19 @@ class Pipeline:
         return []
 
     def trajectories(self, answer: Diagnosis | None = None) -> Trajectories:
-        """Everything over time, for the report and the annotated MCAP.
-
-        Parameters
-        ----------
-        answer : what `finish` gave after the last block, where it is at hand.
+        """Everything over time, for the report and the annotated MCAP; `answer` is what `finish` gave after
+        the last block, where it is at hand.
 
         Raises
         ------
         ValueError : the pipeline was told not to keep trajectories.
         """
         records = self._tracked.records()
-        values: dict[str, dict[str, Array]] = {}
-        stds: dict[str, dict[str, Array]] = {}
+        values: dict[str, dict[str, Array]] = {m: {n: np.empty(0) for n in OBSERVABLE} for m in records}
+        stds = deepcopy(values)
         for m, r in records.items():
-            empty: dict[str, Array] = {n: np.empty(0) for n in OBSERVABLE}
-            values[m], stds[m] = (
-                estimates(r, self.unit, self._tracked.model) if r.size else (dict(empty), dict(empty))
-            )
+            if r.size:
+                values[m], stds[m] = estimates(r, self.unit, self._tracked.model)
         for added in self._added:
             values[added.name], stds[added.name] = added.over(records["ekf"]["time"])
         time, names, misfit = self.misfits()
@@ -381,13 +357,6 @@ class Pipeline:
             probabilities=probabilities_over(time, statistic, now, self.model, hidden),
         )  # fmt: skip
 
-    def _parts(self) -> dict[str, Tracked | BinMaker | BalanceHistory | SensorWatch]:
-        """What has a state of its own, by the prefix of its arrays."""
-        return {
-            "tracked": self._tracked, "bins": self._bins, "history": self._history,
-            "sensors": self._sensors,
-        }  # fmt: skip
-
     def state(self) -> dict[str, Array]:
         """The whole state as flat named arrays; `np.savez` writes it, `restore` takes it back.
 
@@ -399,15 +368,13 @@ class Pipeline:
             raise ValueError("a pipeline with trackers of packages has no state that could be saved")
         scalars: dict[str, Any] = {
             "version": STATE_VERSION, "axis": self.axis, "log": self.log, "unit": self.unit.name,
-            "model": self.model.sha256,
-            "first": self._first_time, "last": self._last_time, "count": self._count,
-            "acute": self._acute.state(), "slow": self._slow.state(), "epochs": self._epochs,
-            "hidden": self._hidden,
-            "told": sorted(self._told),
+            "model": self.model.sha256, "first": self._first_time, "last": self._last_time,
+            "count": self._count, "acute": self._acute.state(), "slow": self._slow.state(),
+            "epochs": self._epochs, "hidden": self._hidden, "told": sorted(self._told),
             "scans": self._scans[-SCANS_KEPT:],
         }  # fmt: skip
         out = {"pipeline": packed(scalars)}
-        for prefix, part in self._parts().items():
+        for prefix, part in self._parts.items():
             out.update({f"{prefix}:{k}": v for k, v in part.state().items()})
         return out
 
@@ -422,13 +389,11 @@ class Pipeline:
         if scalars.get("version") != STATE_VERSION or scalars.get("model") != self.model.sha256:
             raise InputError("saved state of another version or model", mend="start anew")
         if scalars["unit"] != self.unit.name:
-            raise InputError(
-                f"saved state of unit {scalars['unit']!r}, not {self.unit.name!r}", mend="start anew"
-            )
-        for prefix, part in self._parts().items():
-            part.restore(
-                {k.removeprefix(f"{prefix}:"): v for k, v in state.items() if k.startswith(f"{prefix}:")}
-            )
+            problem = f"saved state of unit {scalars['unit']!r}, not {self.unit.name!r}"
+            raise InputError(problem, mend="start anew")
+        for name, part in self._parts.items():
+            own = (k for k in state if k.startswith(f"{name}:"))
+            part.restore({k.removeprefix(f"{name}:"): state[k] for k in own})
         self.axis, self.log = scalars["axis"], scalars["log"]
         self._first_time, self._last_time, self._count = scalars["first"], scalars["last"], scalars["count"]
         self._acute.restore(scalars["acute"])

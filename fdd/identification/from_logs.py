@@ -13,13 +13,13 @@ from pydantic import ValidationError
 
 import fdd
 from fdd.diagnosis.baseline import BASELINE_VERSION, add_baseline, baseline_of, histories_of
+from fdd.engines import Progress, unseen
 from fdd.errors import InputError
 from fdd.files import sha256_of
 from fdd.identification.identify import identify_unit
 from fdd.identification.judgement import Judgement, judge
 from fdd.identification.profile import Identification, TableRow
 from fdd.logs import ChannelMap, Log, read_log
-from fdd.progress import Progress, unseen
 from fdd.residuals.balances import BALANCES
 from fdd.samples import Samples
 from fdd.unit import Origin, Unit

@@ -21,11 +21,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fdd.bounds import MAX_MAP_BYTES
-from fdd.errors import InputError
+from fdd.errors import InputError, did_you_mean, input_error
 from fdd.measures import Measure, measure
-from fdd.near_misses import did_you_mean
 from fdd.samples import CHANNELS
-from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 _MADE = {("pump_angle", "pump_speed"), ("pump_speed", "command")}

@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fdd.errors import InputError
+from fdd.errors import InputError, listed
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.mcap import AXIS_TOPIC, McapFile
 from fdd.logs.formats.signals import LogFile, Signal
 from fdd.logs.quality import sample_numbers
 from fdd.measures import find_measure
-from fdd.near_misses import listed
 from fdd.samples import CHANNELS, Column
 
 LONGEST_BRIDGE = 1.0

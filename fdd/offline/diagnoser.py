@@ -14,11 +14,11 @@ from fdd.diagnosis.answering import versions_of
 from fdd.diagnosis.findings import Diagnosis, Quality, Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
+from fdd.engines import Advance
 from fdd.errors import InputError
 from fdd.files import sha256_of
 from fdd.identification.log_scales import check_scales
 from fdd.logs import ChannelMap, DataQuality, Log
-from fdd.progress import Advance
 from fdd.residuals.added_tracker import tracker_named
 from fdd.unit import Unit, shipped_units
 

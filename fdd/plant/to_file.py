@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fdd.engines import Advance
 from fdd.errors import InputError
 from fdd.files import require_writable
-from fdd.progress import Advance
 
 if TYPE_CHECKING:
     from fdd.logs.mcap_writing import RunBlock

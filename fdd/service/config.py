@@ -12,8 +12,8 @@ from zoneinfo import ZoneInfo
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from fdd.bounds import MAX_SERVE_BYTES
+from fdd.errors import input_error
 from fdd.service.config_sources import AnySource, AxisName, Broker, ConfigPath, ListenedPort, Part, Seconds
-from fdd.validation import input_error
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 import fdd
-from fdd.diagnosis.answering import healthy_of
+from fdd.diagnosis.estimates import healthy_of
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis, Estimate, FaultFinding, Quality
 from fdd.errors import InputError
 from fdd.faults import FAMILIES

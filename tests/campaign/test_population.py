@@ -11,7 +11,7 @@ from fdd.campaign.drawing import as_it_runs, draw_scenario, draw_unit, stream
 from fdd.campaign.population import BETWEEN_UNITS, FRICTION, OIL_VOLUME, WANDER, charge_factor, with_its_air
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.spreads import UnitLogs, learnt_spread
-from fdd.diagnosis.random_effects import log_equations, scattered
+from fdd.diagnosis.baseline import log_equations, scattered
 from fdd.plant import conditions as c
 from fdd.plant.oil import stiff_bulk_modulus
 from fdd.plant.prepare import FRICTION_TIME, axis_conditions

@@ -12,9 +12,9 @@ from made_up_evidence import FRAMES, drawn, hypothesis
 import fdd
 from estimators.eha import layout
 from estimators.observability import Observed
-from fdd.diagnosis.agreement import believed
 from fdd.diagnosis.answering import Span, fault_finding, hidden_share, invisible, probabilities_of
 from fdd.diagnosis.decision import Found, decide
+from fdd.diagnosis.estimates import believed
 from fdd.diagnosis.findings import FaultFinding, Invisible
 from fdd.diagnosis.model import Calibration, Model
 from fdd.residuals.quantities import Scales

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from simulated_logs import HEALTHY, simulated
 
-from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of
-from fdd.diagnosis.random_effects import PRIOR_LOGS, moderation
+from fdd.diagnosis.baseline import PRIOR_LOGS, baseline_of, effects_of, histories_of, moderation
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.effects import LogConditions, first_effects, usual_conditions
 from fdd.unit import Unit

@@ -8,12 +8,21 @@ from made_up_evidence import DRIFT, EFFECTS, FRAMES, LEAK, NAME, drawn
 from scipy.special import log_ndtr
 from scipy.stats import t
 
-from fdd.diagnosis.departures import VAGUE, Array, Departures, changes, departures
+from fdd.diagnosis.departures import (
+    VAGUE,
+    Array,
+    Departures,
+    as_normal,
+    changes,
+    departures,
+    freedom,
+    heavy_tailed,
+    log_normal,
+    unusual,
+)
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.fitting import Parts
-from fdd.diagnosis.hypotheses import Hypothesis
-from fdd.diagnosis.students_t import as_normal, freedom, heavy_tailed, log_normal, unusual
-from fdd.diagnosis.time_profiles import time_profile_of
+from fdd.diagnosis.hypotheses import Hypothesis, time_profile_of
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects
 

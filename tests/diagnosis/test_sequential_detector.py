@@ -5,12 +5,11 @@ import math
 import pytest
 from made_up_evidence import drawn, hypothesis
 
-from fdd.diagnosis.active_faults import ActiveFaults, Evaluation
 from fdd.diagnosis.answering import Span
 from fdd.diagnosis.decision import decide
 from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.model import Model
-from fdd.diagnosis.sequential_detector import SequentialDetector
+from fdd.diagnosis.sequential_detector import ActiveFaults, Evaluation, SequentialDetector
 from tests.made_up import finding
 
 INNER = hypothesis("internal_leakage", [1.0, 0.0, 0.0])

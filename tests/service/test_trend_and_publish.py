@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fdd.cli.app import app
-from fdd.diagnosis.answering import healthy_of
+from fdd.diagnosis.estimates import healthy_of
 from fdd.logs.tabular_writing import write_parquet
 from fdd.samples import Samples
 from fdd.service.alarms import AlarmBook

@@ -22,10 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES, MAX_SIGNALS
-from fdd.errors import InputError
+from fdd.errors import InputError, did_you_mean, listed
 from fdd.logs.formats.messages import Decoder, FieldPath, decoder_of
 from fdd.logs.formats.signals import LogFile, Signal, require_size
-from fdd.near_misses import did_you_mean, listed
 from fdd.samples import Column
 
 AXIS_TOPIC = re.compile(r"^/eha/(?P<axis>[^/]+)/measurement$")

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.bounds import FREELY_DECLARED_BYTES, MAX_SIGNALS, MOST_PACKING, limit, raised
-from fdd.errors import InputError
-from fdd.near_misses import did_you_mean, listed
+from fdd.errors import InputError, did_you_mean, listed
 from fdd.samples import Column
 
 

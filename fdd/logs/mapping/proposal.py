@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from fdd.errors import InputError
+from fdd.errors import InputError, did_you_mean, listed
 from fdd.logs.channel_map import ChannelMap, ChannelSource
 from fdd.logs.formats.signals import LogFile, Signal
 from fdd.logs.mapping.assignment import Choice, assign, signs_of
@@ -21,7 +21,6 @@ from fdd.logs.mapping.evidence import Clues, gather
 from fdd.logs.mapping.units import Question, scale_of, with_units
 from fdd.logs.names import path_parts
 from fdd.measures import measure
-from fdd.near_misses import did_you_mean, listed
 from fdd.samples import CHANNELS, Samples, missing_required
 
 SURE = 0.9

@@ -1,8 +1,7 @@
-"""Plausibility of the filters' estimates: leakage and air absorb a filter's model errors with false
-confidence.
+"""Tracked quantities as the answer carries them, and which of them to believe.
 
-So an observable estimate must also agree with the profile's healthy value, or with a finding that explains
-its change.
+Leakage and air absorb a filter's model errors with false confidence. So an observable estimate must also
+agree with the profile's healthy value, or with a finding that explains its change.
 """
 
 from __future__ import annotations
@@ -14,8 +13,11 @@ import numpy as np
 
 from estimators.eha import layout
 from estimators.observability import Observed
-from fdd.diagnosis.findings import FaultFinding
+from fdd.diagnosis.findings import ESTIMATED, Estimate, FaultFinding, MethodEstimate, no_estimates
+from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.quantities import Scales
+from fdd.residuals.tracked import Tracked
+from fdd.residuals.tracking import estimates, healthy_coulomb, healthy_viscous
 from fdd.unit import Unit
 
 CHANGES = {"leakage": 0.08, "bulk_modulus": 0.25}
@@ -93,3 +95,54 @@ def believed(
             age=np.where(lost, np.nan, mine.age),
         )  # fmt: skip
     return out, why
+
+
+def estimates_of(
+    tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], added: Sequence[AddedTracker] = ()
+) -> dict[str, Estimate]:
+    """Tracked quantities at the end of what was pushed, and what trackers of packages say of them."""
+    out = estimates_by(tracked, unit, faults)
+    for each in added:
+        for name, (value, std) in each.last().items():
+            rounded = [float(f"{number:.5g}") for number in (value, std)]
+            out[name].methods[each.name] = MethodEstimate(value=rounded[0], std=rounded[1])
+    return out
+
+
+def estimates_by(
+    tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], method: str = "ekf"
+) -> dict[str, Estimate]:
+    """Estimates of one of fdd's filters at the end; which are observable follows from the EKF and
+    `faults`."""
+    records = tracked.last_records[method]
+    if not records.size:
+        return no_estimates()
+    values, stds = estimates(records, unit, tracked.model)
+    observed = tracked.observed()
+    seen, why = believed(observed, tracked.last_records["ekf"], unit, tracked.channels, faults)
+    healthy = healthy_of(unit, float(records["viscosity"][-1]))
+    out = {}
+    for name, (si, _, _) in ESTIMATED.items():
+        now = seen[name]
+        out[name] = Estimate(
+            unit=si, baseline=_significant(healthy[name]), value=_significant(values[name][-1]),
+            std=_significant(stds[name][-1]), observable=bool(now.valid[-1]) and not tracked.lost,
+            held=_significant(now.held[-1]), held_std=_significant(now.held_std[-1]),
+            age_s=_significant(now.age[-1]), information_std=_significant(now.information_std[-1]),
+            held_because=why.get(name) if observed[name].valid[-1] > now.valid[-1] else None,
+        )  # fmt: skip
+    return out
+
+
+def healthy_of(unit: Unit, viscosity: float = 1.0) -> dict[str, float]:
+    """What the profile says of each estimate (SI), at a viscosity over that at its reference temperature."""
+    return {
+        "leakage": unit.pump.total_leakage / viscosity,
+        "bulk_modulus": unit.oil.bulk_modulus,
+        "coulomb_friction": healthy_coulomb(unit),
+        "viscous_friction": healthy_viscous(unit),
+    }
+
+
+def _significant(value: float) -> float | None:
+    return float(f"{value:.5g}") if np.isfinite(value) else None
