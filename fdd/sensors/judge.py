@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fdd.sensors.finding import SAME_INSTANT_S, Kind, SensorFindings
-from fdd.sensors.jumping import JumpWatch, Rows, swept_volume
-from fdd.sensors.limits import DIFFERENCE, IS_LIVE, IS_MEASURED, NAMES, POSITION, Limits, figure
-from fdd.sensors.memory import MOVING, STILL
+from fdd.sensors.finding import MOVING, SAME_INSTANT_S, STILL, Kind, SensorFindings
+from fdd.sensors.jumping import JumpWatch
+from fdd.sensors.jumps import Rows, swept_volume
+from fdd.sensors.limits import DIFFERENCE, IS_LIVE, IS_MEASURED, NAMES, POSITION, Array, Limits, Mask, figure
 from fdd.sensors.scan import FRAME_S, LEARNT_FRAMES, LOST_WINDOW_S, Scan, rows_needed, scan, standing_position
-from fdd.sensors.statistics import smallest
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 BURST_S = 1.0
 """s: a value that stays constant for less is a loose contact's; a sensor that fails stays failed."""
@@ -171,7 +166,7 @@ class FrameJudge:
         low, high, name = self.limits.low[k], self.limits.high[k], NAMES[k]
         beyond = (values < low) | (values > high)
         known = values[~np.isnan(values)]
-        middle = smallest(known, known.size // 2)
+        middle = float(np.partition(known, known.size // 2)[known.size // 2])
         if not low <= middle <= high:
             message = (
                 f"{name} is {figure(name, middle)} (median of {FRAME_S:g} s), beyond what the unit can "

@@ -5,22 +5,16 @@ Steps of single rows are judged by `jumps`; slower ones by the means of cells of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.sensors.compiled import njit
-from fdd.sensors.finding import SensorFindings
-from fdd.sensors.jumps import NOISE_REACH, STAYS, Jump, explained, jumps, moved_oil
-from fdd.sensors.limits import ACCUMULATOR, ANGLE, DIFFERENCE, NAMES, ONE, POSITION, SPEED, TWO, Limits
-from fdd.sensors.memory import CELL_HISTORY, Memory
-from fdd.sensors.scan import LEAK_MARGIN
-from fdd.sensors.statistics import GAUSS_90, excess, place, smallest, widest
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from fdd.sensors.finding import CELL_HISTORY, Memory, SensorFindings
+from fdd.sensors.jumps import NOISE_REACH, STAYS, Jump, Rows, excess, explained, jumps, moved_oil, widest
+from fdd.sensors.limits import ACCUMULATOR, ANGLE, DIFFERENCE, NAMES, ONE, POSITION, TWO, Array, Limits, Mask
+from fdd.sensors.scan import GAUSS_90, LEAK_MARGIN, place, smallest
 
 JUDGED = (ANGLE, POSITION, ONE, TWO, DIFFERENCE, ACCUMULATOR)
 IS_JUDGED = np.isin(np.arange(len(NAMES)), JUDGED)
@@ -41,43 +35,6 @@ LEARNT_CELLS = 25
 PUMP_DOUBT = 0.5
 """Share of the pump's own change that the piston need not follow: leakage, unequal areas, an open valve."""
 LOADED = (ONE, TWO, DIFFERENCE)
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Rows under judgement.
-
-    Attributes
-    ----------
-    time : (n,) s. values : (12, n) in the order of `NAMES`. noise : (12,) of a row, see `spread`.
-    swept : (n,) m³ that the pump displaced, from an arbitrary zero; (0,) without angle and speed.
-    """
-
-    time: Array
-    values: Array
-    noise: Array
-    swept: Array
-
-    def difference(self) -> Array | None:
-        """Δp, measured or from both chambers, (n,) Pa."""
-        found = self.values[DIFFERENCE]
-        if np.isnan(found).all():
-            found = self.values[ONE] - self.values[TWO]
-        return None if np.isnan(found).all() else np.asarray(found)
-
-
-def swept_volume(time: Array, values: Array, limits: Limits, memory: Memory) -> Array:
-    """As `Rows.swept`, from `values` (12, n)."""
-    for k in (ANGLE, SPEED):
-        there = np.isfinite(values[k])
-        known = np.count_nonzero(there)
-        if known < 2 or not np.isnan(memory.failed_since[k]):
-            continue
-        column = values[k] if known == time.size else np.interp(time, time[there], values[k, there])
-        if k == SPEED:
-            column = np.concatenate(([0.0], np.cumsum(0.5 * (column[1:] + column[:-1]) * np.diff(time))))
-        return np.asarray(limits.displacement * column)
-    return np.empty(0)
 
 
 class JumpWatch:

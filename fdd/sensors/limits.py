@@ -15,6 +15,7 @@ from fdd.samples import CHANNELS
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 NAMES = tuple(c for c in CHANNELS if c != "time")
 INDEX = {name: k for k, name in enumerate(NAMES)}
@@ -136,6 +137,19 @@ class Limits(NamedTuple):
             leakage=pump.total_leakage, relief=relief,
             loose=unit.accumulator.charge_pressure if cylinder.needs_pilots else 0.0,
         )  # fmt: skip
+
+    def row_bounds(self) -> Array:
+        """Least and largest value of a row, largest change in a second, and an allowance on that, (4, 12).
+
+        The change is inf where none is known.
+        """
+        reach = SIGMA * self.noise + self.resolution
+        rate = np.full(reach.size, np.inf)
+        rate[POSITION], rate[ANGLE] = self.piston_speed, 1.3 * self.pump_speed
+        bounds = np.stack([self.low - reach, self.high + reach, rate, 4.0 * reach])
+        # A speed that is a difference of counts over the nominal period doubles in a row a period late.
+        bounds[:2, SPEED] *= 2.0
+        return bounds
 
 
 def figure(name: str, value: float) -> str:
