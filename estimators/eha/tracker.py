@@ -110,12 +110,10 @@ class EhaTracker:
 
 
 @njit()
-def measurement(x: Array, q: eha.Parameters, z: Array, y: Array) -> None:
+def measurement(x: Array, z: Array, y: Array) -> None:
     """Innovation ``y = z − h(x)`` of all channels, model units."""
-    y[Z_X] = z[Z_X] - x[eha.X]
-    y[Z_TH] = z[Z_TH] - x[eha.TH]
-    y[Z_P1] = z[Z_P1] - x[eha.P1]
-    y[Z_P2] = z[Z_P2] - x[eha.P2]
+    y[Z_X], y[Z_TH] = z[Z_X] - x[eha.X], z[Z_TH] - x[eha.TH]
+    y[Z_P1], y[Z_P2] = z[Z_P1] - x[eha.P1], z[Z_P2] - x[eha.P2]
     y[Z_DP] = z[Z_DP] - (x[eha.P1] - x[eha.P2])
     y[Z_MEAN] = z[Z_MEAN] - min(x[eha.P1], x[eha.P2])
 
@@ -165,9 +163,8 @@ def track(
     h0 = period * 1e3
     F, G = np.zeros((eha.STATES, eha.STATES)), np.zeros((eha.STATES, 4))
     scratch, work = np.empty((update.MOVING, eha.STATES)), np.empty((2, eha.STATES))
-    layer_work = np.empty((2 * MEASUREMENTS, MEASUREMENTS))
-    x_new, walks, noise = np.empty(eha.STATES), np.empty(eha.STATES), np.empty(4)
-    before, kept = np.empty((2, FLOW_PARAMETERS)), np.empty((2, 3))
+    layer_work, noise = np.empty((2 * MEASUREMENTS, MEASUREMENTS)), np.empty(4)
+    x_new, walks, before = np.empty(eha.STATES), np.empty(eha.STATES), np.empty((2, FLOW_PARAMETERS))
     z, y, psi_k = np.empty(MEASUREMENTS), np.empty(MEASUREMENTS), np.empty(MEASUREMENTS)
     r0, r, mask = np.empty(MEASUREMENTS), np.empty(MEASUREMENTS), np.empty(MEASUREMENTS, dtype=np.bool_)
     r0[Z_X] = (c.position * 1e3) ** 2
@@ -254,7 +251,7 @@ def track(
                     for i in range(update.MOVING):
                         x[i] = x_new[i]
                     update.propagate(P, F, G, noise, walks, scratch)
-        measurement(x, q, z, y)
+        measurement(x, z, y)
         plus[Z_MEAN] = eha.P1 if x[eha.P1] <= x[eha.P2] else eha.P2
         for i in range(MEASUREMENTS):
             mask[i] = not blind and not np.isnan(y[i])
@@ -267,9 +264,7 @@ def track(
         for i in range(FLOW_PARAMETERS):
             before[0, i] = x[eha.LEAK + i]
             before[1, i] = P[eha.LEAK + i, eha.LEAK + i]
-        kept[0, 0], kept[0, 1] = x[eha.AIR], x[eha.SPLIT]
-        kept[1, 0], kept[1, 1] = P[eha.AIR, eha.AIR], P[eha.SPLIT, eha.SPLIT]
-        kept[1, 2] = P[eha.AIR, eha.SPLIT]
+        covariance = P[eha.AIR, eha.SPLIT]
         switched = False
         motion, variances = work[0, : update.MOVING], work[1, : update.MOVING]
         if svsf:
@@ -285,12 +280,12 @@ def track(
         if switched:
             update.take_motion(x, P, motion, variances)
         if svsf:
-            measurement(x, q, z, y)
+            measurement(x, z, y)
             for i in range(MEASUREMENTS):
                 if mask[i]:
                     e_post[i] = y[i]
         if walk.pressures_rest(x, max(steps, 1) * h0, c, memory):
-            walk.keep_compliance(x, P, kept)
+            walk.keep_compliance(x, P, before, covariance)
         if not blind:
             friction = eha.friction_curve(x[eha.V], q)
             walk.watch_jumps(x, P, before, max(steps, 1) * h0, c, memory)

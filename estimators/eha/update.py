@@ -2,22 +2,19 @@
 
 What makes them cheap, and exact:
 
-- Friction and load, the states from `eha.FRIC` on, learn from the mean force alone (see
-  `estimators.eha.walk`). They are never correlated with the others, so ``P`` has two
-  blocks. Everything here works on the first, the ``COUPLED`` states before `eha.FRIC`.
-- Only the first ``MOVING`` rows of ``F`` differ from the identity, and most of their
-  entries are zero.
-- A channel is one state, or the difference of two: ``P h'`` is a row of ``P``, or the
-  difference of two rows.
+- Friction and load, the states from `eha.FRIC` on, learn from the mean force alone (`estimators.eha.walk`).
+  They are never correlated with the others: ``P`` has two blocks, and all here but `compare_sensors` works on
+  the first, the ``COUPLED`` states.
+- Only the first ``MOVING`` rows of ``F`` differ from the identity, and most of their entries are zero.
+- A channel is one state, or the difference of two: ``P h'`` is a row of ``P``, or the difference of two.
 
-The Joseph form ``(I - k h) P (I - k h)' + k r k'`` with ``k = P h' / s``, ``s = h P h' + r``,
-equals ``P - k s k'`` in exact arithmetic, and so ``P h' = k r`` after the update. In floating
-point the difference ``P - k s k'`` loses just this product, which is where a precise
-channel drives a variance negative; Joseph's form saves it. Here ``P - u u'`` with
-``u = P h' / √s`` is formed, which is symmetric to the bit, and then ``P h' = k r`` is *imposed*
-on the rows that `h` selects. What remains, the covariance given the measured state, is
-the same before and after: ``P`` stays positive as long as Joseph's would.
-(Bierman 1977, Factorization Methods for Discrete Sequential Estimation, ch. II and V.)
+The Joseph form ``(I - k h) P (I - k h)' + k r k'`` with ``k = P h' / s``, ``s = h P h' + r``, equals
+``P - k s k'`` in exact arithmetic, and so ``P h' = k r`` after the update. In floating point ``P - k s k'``
+loses just this product, which is where a precise channel drives a variance negative; Joseph's form saves it.
+Here ``P - u u'`` with ``u = P h' / √s`` is formed, which is symmetric to the bit, and then ``P h' = k r`` is
+*imposed* on the rows that `h` selects. What remains, the covariance given the measured state, is the same
+before and after: ``P`` stays positive as long as Joseph's would. (Bierman 1977, Factorization Methods for
+Discrete Sequential Estimation, ch. II and V.)
 """
 
 from __future__ import annotations
@@ -97,14 +94,12 @@ def selected_update(P: Array, plus: int, minus: int, r: float, u: Array) -> floa
     Fills `u` (STATES,) with ``P h' / √s``, so that the gain is ``u / √s``, and gives ``s = h P h' + r``.
     """
     width = P.shape[0] - _SPARE
+    s = channel_variance(P, plus, minus) + r
+    root = 1.0 / math.sqrt(s)
     if minus < 0:
-        s = P[plus, plus] + r
-        root = 1.0 / math.sqrt(s)
         for j in range(width):
             u[j] = P[plus, j] * root
     else:
-        s = channel_variance(P, plus, minus) + r
-        root = 1.0 / math.sqrt(s)
         for j in range(width):
             u[j] = (P[plus, j] - P[minus, j]) * root
     for i in range(COUPLED):

@@ -1,41 +1,35 @@
 """How the EHA model's parameters change, and what corrects them beside measurements: force, gate, bounds.
 
-**Walks.** Wear is slow: each parameter walks at random with its own rate, but never gets less certain
-than it was at the start, ``dP/dt = q² (1 − P/P₀)``. An hour without excitation costs no more than
-that, and the last good value stays. Over a gap both this and the pull below are solved exactly.
+**Walks.** Wear is slow: each parameter walks at random with its own rate, but never gets less certain than
+it was at the start, ``dP/dt = q² (1 − P/P₀)``. An hour without excitation costs no more than that, and the
+last good value stays. Over a gap both this and the pull below are solved exactly.
 
 **Valves.** A closed check valve stays closed. Its leakage is drawn back to zero at the rate that makes the
-walk's stationary spread the initial one, ``τ = 2 σ₀²/q²``, unless it is surely open: the pull weakens
-as that of a Cauchy prior does, ``1/(1 + (x/3σ₀)²)`` (West 1984, doi 10.1111/j.2517-6161.1984.tb01317.x).
+walk's stationary spread the initial one, ``τ = 2 σ₀²/q²``, unless it is surely open: the pull weakens as that
+of a Cauchy prior does, ``1/(1 + (x/3σ₀)²)`` (West 1984, doi 10.1111/j.2517-6161.1984.tb01317.x).
 
-**Jumps.** A consistent filter moves a parameter by white steps whose variance is what the
-covariance loses (innovations approach: Kailath 1968, doi 10.1109/TAC.1968.1099025). So over a window::
+**Jumps.** A consistent filter moves a parameter by white steps whose variance is what the covariance loses
+(innovations approach: Kailath 1968, doi 10.1109/TAC.1968.1099025). So over a window::
 
     score = Σ (x⁺ − x⁻) / √ Σ (P⁻ − P⁺)        N(0, 1) for each parameter
 
-and a score beyond :data:`JUMP_SIGMAS` says that something changed faster than the walks allow. What it was
-is not known yet: one load direction cannot tell leakage across the ports from that of a
-valve. All flow parameters are therefore set free together, by a step of the size of a fault, and the data
-that follow decide (Willsky and Jones 1976, doi 10.1109/TAC.1976.1101146). While they do not, the
-standard deviations say so.
+and a score beyond :data:`JUMP_SIGMAS` says that something changed faster than the walks allow. What it was is
+not known yet: one load direction cannot tell leakage across the ports from a valve's. All flow parameters are
+set free together, by a step of the size of a fault, and the data that follow decide (Willsky and Jones 1976,
+doi 10.1109/TAC.1976.1101146). While they do not, the standard deviations say so.
 
 **Gate.** How much oil gives shows only while its pressure changes. In a piston at rest what is left is
 noise, and a filter learns from noise, too: its estimate of a pressure and the derivative to the compliance
 share the same errors, so an hour of standstill lets the free air creep away. While neither chamber's
-pressure moved by more than its noise within a second, air and its split are therefore taken as they are: they
-keep value and variance, while their correlations go on as they would (Schmidt's consider filter, Jazwinski
-1970, section 8.4, isbn 978-0-12-381550-7).
+pressure moved by more than its noise within a second, air and its split keep value and variance, while their
+correlations go on (Schmidt's consider filter, Jazwinski 1970, section 8.4, isbn 978-0-12-381550-7).
 
-**Bounds.** A closed check valve passes no oil, so its leakage is not negative; leakage and friction are not
-either. Cutting such a state off at its bound would leave what it had taken from its neighbours with
-them: while a load pushes one way, leakage across the ports and a valve's are known by their sum
-alone, and a valve at -0.2 is a leakage that reads 0.2 too high. The state is therefore moved
-to its bound along the covariance,
-
-``x ← x + P[:, j] / P[j, j] · (bound − x[j])``,
-
-which is the most probable point on the bound (Simon 2010, doi 10.1049/iet-cta.2009.0032). The
-covariance stays: nothing was measured.
+**Bounds.** Neither a closed check valve's leakage is negative, nor leakage and friction. Cut off at its bound
+a state would leave what it had taken from its neighbours with them: while a load pushes one way, leakage
+across the ports and a valve's are known by their sum alone, and a valve at -0.2 is a leakage that reads 0.2
+too high. So it is moved to its bound along the covariance, ``x ← x + P[:, j] / P[j, j] · (bound − x[j])``:
+the most probable point on it (Simon 2010, doi 10.1049/iet-cta.2009.0032). The covariance stays: nothing was
+measured.
 """
 
 from __future__ import annotations
@@ -274,11 +268,11 @@ def pressures_rest(x: Array, h: float, c: Noise, memory: Memory) -> bool:
 
 
 @njit(error_model="numpy", _nrt=False)
-def keep_compliance(x: Array, P: Array, kept: Array) -> None:
-    """Put air and split back to `kept` (2, 3): values, then their variances and covariance."""
-    x[eha.AIR], x[eha.SPLIT] = kept[0, 0], kept[0, 1]
-    P[eha.AIR, eha.AIR], P[eha.SPLIT, eha.SPLIT] = kept[1, 0], kept[1, 1]
-    P[eha.AIR, eha.SPLIT] = P[eha.SPLIT, eha.AIR] = kept[1, 2]
+def keep_compliance(x: Array, P: Array, before: Array, covariance: float) -> None:
+    """Put air and split back to what they were: values and variances as `watch_jumps` takes them."""
+    for i in (eha.AIR, eha.SPLIT):
+        x[i], P[i, i] = before[0, i - eha.LEAK], before[1, i - eha.LEAK]
+    P[eha.AIR, eha.SPLIT] = P[eha.SPLIT, eha.AIR] = covariance
 
 
 @njit()

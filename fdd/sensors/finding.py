@@ -98,64 +98,45 @@ class SensorFinding:
 
 
 class Memory(NamedTuple):
-    """Per channel (12,), or per class of frame and channel (2, 12).
+    """Per channel (12,), or per class of frame and channel (2, 12)."""
 
-    Attributes
-    ----------
-    rows, present : rows that came, and those with a value.
-    run_value, run_since, run_rows : the value that the channel shows, since when (s), in how many rows.
-    changed : whether it ever changed.
-    frames, repeat, noisiest, quietest : frames judged good; the largest chance of a repeated value and the
-        largest and least noise that they showed.
-    loud, loud_since, faint, faint_since : frames in a row with far more, or less, noise, and when they began.
-    absent_since, absent_s, absent_first : a gap that is open; seconds missing lately; when that began.
-    held_until : until when repeats are taken for a loose contact's.
-    failed_since, good : since when it is not to be trusted, NaN if it is; good frames since.
-    biased : sum of steps that a pressure made.
-    excited : frames with a turning pump since the channel changed last.
-    volume : (5,) m³ that the pump displaced since the position changed last: sum, least, most, what
-        leakage allows; and whether the position stopped in mid-motion.
-    stood : (4,) the position's last stand that a frame did not hold: since and until when (s), what the pump
-        displaced meanwhile (m³); and since when it stands now.
-    last_value : what the channel showed before `run_value`.
-    good_value, good_time, doubtful_since, previous, stamps : for the masks of rows.
-    cells, cell_count : the last excesses of cells, newest last, and how many there are.
-    derived : (1,) whether Δp is p1 - p2 to the last digit: 1, 0, NaN not known.
-    """
-
-    rows: Array
-    present: Array
-    run_value: Array
-    run_since: Array
-    run_rows: Array
-    changed: Array
-    frames: Array
-    repeat: Array
-    noisiest: Array
-    quietest: Array
-    loud: Array
-    loud_since: Array
-    faint: Array
-    faint_since: Array
-    absent_since: Array
-    absent_s: Array
-    absent_first: Array
-    held_until: Array
-    failed_since: Array
-    good: Array
-    biased: Array
-    excited: Array
+    rows: Array  # that came
+    present: Array  # rows with a value
+    run_value: Array  # that the channel shows
+    run_since: Array  # s, since when it shows that
+    run_rows: Array  # in how many rows
+    changed: Array  # whether it ever changed
+    frames: Array  # that were judged good
+    repeat: Array  # the largest chance of a repeated value in these
+    noisiest: Array  # the largest noise in these
+    quietest: Array  # the least noise in these
+    loud: Array  # frames in a row with far more noise
+    loud_since: Array  # s, begin of the first of these
+    faint: Array  # frames in a row with far less noise
+    faint_since: Array  # s, begin of the first of these
+    absent_since: Array  # s, a gap that is open
+    absent_s: Array  # seconds missing lately
+    absent_first: Array  # s, when that began
+    held_until: Array  # s, until when repeats are taken for a loose contact's
+    failed_since: Array  # s, since when it is not to be trusted, NaN if it is
+    good: Array  # good frames since
+    biased: Array  # sum of steps that a pressure made
+    excited: Array  # frames with a turning pump since the channel changed last
+    # (5,) m³ that the pump displaced since the position changed last: sum, least, most, what leakage allows;
+    # and whether the position stopped in mid-motion.
     volume: Array
+    # (4,) the position's last stand that a frame did not hold: since and until when (s), what the pump
+    # displaced meanwhile (m³); and since when it stands now.
     stood: Array
-    last_value: Array
-    good_value: Array
+    last_value: Array  # what the channel showed before `run_value`
+    good_value: Array  # this and the next four are for the masks of rows
     good_time: Array
     doubtful_since: Array
     previous: Array
     stamps: Array
-    cells: Array
-    cell_count: Array
-    derived: Array
+    cells: Array  # the last excesses of cells, newest last
+    cell_count: Array  # how many there are
+    derived: Array  # (1,) whether Δp is p1 - p2 to the last digit: 1, 0, NaN not known
 
     @classmethod
     def new(cls) -> Memory:

@@ -27,25 +27,16 @@ SILENT_S = 5.0
 
 
 class FrameJudge:
-    """Judge frame after frame.
-
-    Parameters
-    ----------
-    limits : of the unit. findings : where they go, and what is kept of the channels.
-    """
+    """Judge frame after frame, by a unit's limits and by what `findings` keeps of the channels."""
 
     def __init__(self, limits: Limits, findings: SensorFindings) -> None:
         self.limits, self.memory, self.findings = limits, findings.memory, findings
         self._jumps = JumpWatch(limits, findings)
 
     def judge(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
-        """Judge rows ``first:``; those before are the tail of the frame before.
+        """Judge rows ``first:`` of `time` (n,) s and `values` (12, n), the frame's until `end` (s).
 
-        Parameters
-        ----------
-        time : (n,) s. values : (12, n). impossible : (12, m) of this frame's, what `impossible_rows` took
-            out.
-        end : s, of the frame.
+        Those before are the tail of the frame before; `impossible` (12, m) says what `impossible_rows` took.
         """
         memory, limits = self.memory, self.limits
         self.findings.begin_frame(end)
@@ -66,7 +57,7 @@ class FrameJudge:
         if kind == MOVING:
             memory.excited[frame.measured] = np.where(frame.whole, memory.excited + 1.0, 0.0)[frame.measured]
         self._learn(frame, kind, frame.measured & ~odd & ~failing & np.isnan(memory.failed_since))
-        self._jumps.judge(rows, frame.seen, end - FRAME_S, end)
+        self._jumps.judge(rows, frame.seen, end)
         own = np.ones(len(NAMES), np.bool_)
         own[DIFFERENCE] = memory.derived[0] != 1.0
         self._silent_from_start(end, own)

@@ -5,8 +5,6 @@ Steps of single rows are judged by `jumps`; slower ones by the means of cells of
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +12,7 @@ from fdd.sensors.compiled import njit
 from fdd.sensors.finding import CELL_HISTORY, Memory, SensorFindings
 from fdd.sensors.jumps import NOISE_REACH, STAYS, Jump, Rows, excess, explained, jumps, moved_oil, widest
 from fdd.sensors.limits import ACCUMULATOR, ANGLE, DIFFERENCE, NAMES, ONE, POSITION, TWO, Array, Limits, Mask
-from fdd.sensors.scan import GAUSS_90, LEAK_MARGIN, place, smallest
+from fdd.sensors.scan import FRAME_S, GAUSS_90, LEAK_MARGIN, place, smallest
 
 JUDGED = (ANGLE, POSITION, ONE, TWO, DIFFERENCE, ACCUMULATOR)
 IS_JUDGED = np.isin(np.arange(len(NAMES)), JUDGED)
@@ -43,13 +41,8 @@ class JumpWatch:
     def __init__(self, limits: Limits, findings: SensorFindings) -> None:
         self.limits, self.memory, self.findings = limits, findings.memory, findings
 
-    def judge(self, rows: Rows, seen: Array, start: float, end: float) -> None:
-        """Judge what came `DEFERRED_S` earlier than the frame from `start` to `end`.
-
-        Parameters
-        ----------
-        seen : (12,) values of each channel among the rows.
-        """
+    def judge(self, rows: Rows, seen: Array, end: float) -> None:
+        """Judge what came `DEFERRED_S` before the frame until `end` (s); `seen` (12,) counts the values."""
         limits, memory, time = self.limits, self.memory, rows.time
         # A loose contact's jumps are reported as such; a biased pressure is still watched, for the step back.
         judged = IS_JUDGED & (seen > 0.0) & ~self.findings.failing & (memory.held_until <= time[0])
@@ -58,7 +51,7 @@ class JumpWatch:
         judged[POSITION] &= rows.swept.size > 0
         if time.size < 8 or not judged.any():
             return
-        start, stop = start - DEFERRED_S, end - DEFERRED_S
+        start, stop = end - FRAME_S - DEFERRED_S, end - DEFERRED_S
         origin, cells = start - BESIDE_CELLS * CELL_S, round((stop - start) / CELL_S) + 2 * BESIDE_CELLS
         peaks, means, over, limit = cells_of(
             time, rows.values, rows.swept, judged, rows.noise, origin, cells, limits, memory
@@ -182,33 +175,20 @@ def _slow_jumps(level: Array, over: Array, limit: Array, origin: float, sharp: l
     return found
 
 
-class Cells(NamedTuple):
-    """Of the judged channels, NaN and 0 of the others.
-
-    Attributes
-    ----------
-    peaks : (2, 12) largest excess of a row for either of `STRIDES`.
-    means, over : (12, cells) mean of each cell, and how far its step exceeds those of its neighbours.
-    limit : (12, cells) what `over` may be; inf for a channel in which nothing is beyond its noise.
-    """
-
-    peaks: Array
-    means: Array
-    over: Array
-    limit: Array
-
-
 @njit(nogil=True)
 def cells_of(
     time: Array, values: Array, swept: Array, judged: Mask, noise: Array, origin: float, cells: int,
     limits: Limits, memory: Memory,
-) -> Cells:  # fmt: skip
+) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Look at `values` (12, n) of the judged channels in `cells` cells from `origin` (s) on.
 
-    Parameters
-    ----------
-    swept : (n,) m³ that the pump displaced, (0,) where that is not known. noise : (12,) of a row.
-    memory : what its cells showed before goes on.
+    `swept` (n,) or (0,) as in `Rows`, `noise` (12,) of a row; what the memory's cells showed before goes on.
+
+    Returns
+    -------
+    peaks : (2, 12) largest excess of a row for either of `STRIDES`; 0 of channels that are not judged.
+    means, over : (12, cells) mean of each cell (NaN of those), how far its step exceeds its neighbours'.
+    limit : (12, cells) what `over` may be; inf for a channel in which nothing is beyond its noise.
     """
     channels, fresh = values.shape[0], cells - 2 * BESIDE_CELLS
     edges = np.empty(cells + 1, np.int64)
@@ -274,7 +254,7 @@ def cells_of(
                     oil[i] += oil[i - 1]
                 moved = _cell_range(_cell_means(oil, edges))
             limit[k] = floor + limits.stiffness * moved
-    return Cells(peaks, means, over, limit)
+    return peaks, means, over, limit
 
 
 @njit(nogil=True)

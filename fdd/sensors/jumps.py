@@ -36,18 +36,12 @@ NOISE_RANGE = 4.0
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows under judgement.
+    """Rows under judgement."""
 
-    Attributes
-    ----------
-    time : (n,) s. values : (12, n) in the order of `NAMES`. noise : (12,) of a row, see `spread`.
-    swept : (n,) m³ that the pump displaced, from an arbitrary zero; (0,) without angle and speed.
-    """
-
-    time: Array
-    values: Array
-    noise: Array
-    swept: Array
+    time: Array  # (n,) s
+    values: Array  # (12, n) in the order of `NAMES`
+    noise: Array  # (12,) of a row, see `spread`
+    swept: Array  # (n,) m³ that the pump displaced, from an arbitrary zero; (0,) without angle and speed
 
     def difference(self) -> Array | None:
         """Δp, measured or from both chambers, (n,) Pa."""
@@ -73,30 +67,17 @@ def swept_volume(time: Array, values: Array, limits: Limits, memory: Memory) -> 
 
 @dataclass(frozen=True)
 class Jump:
-    """A jump of one channel.
+    """A jump of one channel, SI."""
 
-    Attributes
-    ----------
-    time : s of the first row that has it.
-    net : change of level that stays, SI; 0 for a spike.
-    peak : largest excess of a row.
-    before : level before. rows : how many rows are affected.
-    """
-
-    time: float
-    net: float
-    peak: float
-    before: float
-    rows: int
+    time: float  # s of the first row that has it
+    net: float  # change of level that stays; 0 for a spike
+    peak: float  # largest excess of a row
+    before: float  # level before
+    rows: int  # how many are affected
 
 
 def jumps(time: Array, values: Array, over: Array, limit: Array, start: float, stop: float) -> list[Jump]:
-    """Events whose first row lies in ``[start, stop)``.
-
-    Parameters
-    ----------
-    time : (n,) s. values : (n,). over : (n,) their excess. limit : (n,) what an excess may be.
-    """
+    """Events whose first row lies in ``[start, stop)``: `over`, the excess of `values`, passes `limit`."""
     rows = np.flatnonzero(np.abs(over) > limit)
     if not rows.size:
         return []
@@ -141,9 +122,7 @@ def _level_change(time: Array, values: Array, first: int, last: int) -> tuple[fl
 def explained(k: int, time: Array, values: Array, swept: Array, stride: int, limits: Limits) -> Array:
     """What physics and the recorder explain of an excess of channel k, (n,); inf beside missing rows.
 
-    Parameters
-    ----------
-    values : (12, n). swept : (n,) m³ that the pump displaced, (0,) where that is not known.
+    `values` (12, n) and `swept` (n,) or (0,) are those of `Rows`.
     """
     steps = np.zeros(time.size)
     steps[1:] = time[1:] - time[:-1]

@@ -51,45 +51,29 @@ COLOUR = 3.0
 
 
 class Limits(NamedTuple):
-    """Per channel, in the order of `NAMES`, (12,) each, SI.
+    """Per channel, in the order of `NAMES`, (12,) each, and of the unit; SI."""
 
-    Attributes
-    ----------
-    low, high : what a frame's median cannot be beyond; ±inf where nothing is known.
-    noise, resolution : the profile's.
-    repeat : chance that noise alone leaves a row at the value of the row before; 1 where noise is below the
-        counts.
-    rail : the highest reading of the sensor or its converter, NaN unknown.
-    dead : what a broken current loop reads, else 0.
-    pump_speed, acceleration : rad/s, rad/s², largest.
-    piston_speed : m/s, largest.
-    release : m/s², of the piston when its breakaway force is suddenly free.
-    lightness : m/s² of the piston for each Pa of Δp, A/m.
-    softness : m/Pa of the piston against the oil, with room for air.
-    stiffness : Pa/m³ of the smaller chamber.
-    loose : Pa, Δp of a single-rod cylinder below which both its piloted check valves may be open, so that
-        nothing holds the piston; 0 of a cylinder of equal areas.
-    """
-
-    low: Array
-    high: Array
-    noise: Array
+    low: Array  # what a frame's median cannot be beyond, -inf where nothing is known
+    high: Array  # likewise, inf where nothing is known
+    noise: Array  # the profile's, as `resolution`
     resolution: Array
-    repeat: Array
-    rail: Array
-    dead: Array
-    pump_speed: float
-    acceleration: float
-    piston_speed: float
-    release: float
-    lightness: float
-    softness: float
-    stiffness: float
+    repeat: Array  # chance that noise alone repeats a row's value; 1 where noise is below the counts
+    rail: Array  # the highest reading of the sensor or its converter, NaN unknown
+    dead: Array  # what a broken current loop reads, else 0
+    pump_speed: float  # rad/s, largest
+    acceleration: float  # rad/s², largest
+    piston_speed: float  # m/s, largest
+    release: float  # m/s², of the piston when its breakaway force is suddenly free
+    lightness: float  # m/s² of the piston for each Pa of Δp, A/m
+    softness: float  # m/Pa of the piston against the oil, with room for air
+    stiffness: float  # Pa/m³ of the smaller chamber
     displacement: float
     area: float
     stroke: float
     leakage: float
     relief: float
+    # Pa, Δp of a single-rod cylinder below which both its piloted check valves may be open, so that nothing
+    # holds the piston; 0 of a cylinder of equal areas.
     loose: float
 
     @classmethod

@@ -58,30 +58,19 @@ RELIEF_SHARE = 0.6
 
 
 class Scan(NamedTuple):
-    """What the rows of a frame show, (12,) each but the lists.
+    """What the rows of a frame show, (12,) each but the lists."""
 
-    Attributes
-    ----------
-    seen : values in the frame and the tail before it. measured : whether the frame has values to be judged.
-    least, most : of the frame. noise : of a row, with the tail, see `spread`.
-    repeated : share of values that are those of the row before. longest : rows of the longest run.
-    whole : whether the frame is one run.
-    bursts : whether short gaps make up too much of the last ten seconds.
-    gaps : (g, 3) channel, since, until (s; NaN while it lasts), of those from `LONG_GAP_S` on.
-    runs : (r, 5) channel, value, since, until, rows, of those that are too long.
-    """
-
-    seen: Array
-    least: Array
-    most: Array
-    noise: Array
-    repeated: Array
-    longest: Array
-    measured: Mask
-    whole: Mask
-    bursts: Mask
-    gaps: Array
-    runs: Array
+    seen: Array  # values in the frame and the tail before it
+    least: Array  # of the frame
+    most: Array  # of the frame
+    noise: Array  # of a row, with the tail, see `spread`
+    repeated: Array  # share of values that are those of the row before
+    longest: Array  # rows of the longest run
+    measured: Mask  # whether the frame has values to be judged
+    whole: Mask  # whether the frame is one run
+    bursts: Mask  # whether short gaps make up too much of the last ten seconds
+    gaps: Array  # (g, 3) channel, since, until (s; NaN while it lasts), of those from `LONG_GAP_S` on
+    runs: Array  # (r, 5) channel, value, since, until, rows, of those that are too long
 
 
 @njit(nogil=True)
@@ -90,9 +79,7 @@ def scan(
 ) -> Scan:
     """Rows ``first:`` of `values` (12, n), the frame's, held against limits and the frames before.
 
-    Parameters
-    ----------
-    kind : `STILL` or `MOVING`. end : s, of the frame. memory : its counts, gaps and runs go on.
+    It lasts until `end` (s), its `kind` is `STILL` or `MOVING`; counts, gaps and runs of `memory` go on.
     """
     channels, n = values.shape
     # Does Δp carry anything of its own? If not, it fails with the chambers' pressures.
@@ -232,9 +219,8 @@ def _shows_noise(k: int, memory: Memory, limits: Limits) -> bool:
     """Whether a channel without noise in its profile had some in every good frame, at rest too."""
     count = max(limits.resolution[k], LEAST_NOISE * limits.high[k])
     quietest = min(memory.quietest[0, k], memory.quietest[1, k])
-    return bool(
-        memory.frames[0, k] + memory.frames[1, k] >= LEARNT_FRAMES and quietest >= STEADY_NOISE * count
-    )
+    learnt = memory.frames[0, k] + memory.frames[1, k] >= LEARNT_FRAMES
+    return bool(learnt and quietest >= STEADY_NOISE * count)
 
 
 @njit(nogil=True)
@@ -243,14 +229,9 @@ def standing_position(
 ) -> bool:
     """Whether the pump displaced far more than a standing piston lets it, since the position changed.
 
-    Parameters
-    ----------
-    position : (n,) m. swept : (n,) m³, the pump's angle times its displacement. pressure : (n,) Pa, Δp.
-    begin : row from which on they are new. memory : its `volume` goes on, from 0 when the position changes;
-        what it was then stands in `stood`.
+    Of `position` (n,) m, `swept` (n,) m³ and `pressure` (n,) Pa, Δp, the rows from `begin` on are new. The
+    memory's `volume` goes on, from 0 when the position changes; what it was then stands in `stood`.
 
-    Notes
-    -----
     Allowed are three times the healthy leakage, what the oil takes at `Limits.softness` and, unless the
     position stopped in mid-motion (`_stopped_in_motion`), a valve that is stuck open. Rows near the relief
     setting do not count.
@@ -288,9 +269,7 @@ def standing_position(
 def _stopped_in_motion(time: Array, position: Array, moved: Array, since: float, count: float) -> bool:
     """Whether position and pump moved together until `since`, and the pump then went on alone.
 
-    Parameters
-    ----------
-    moved : (n,) m, the pump's volume over the area. count : m, resolution of the position.
+    `moved` (n,) m is the pump's volume over the area, `count` (m) the resolution of the position.
     """
     a, b, c = (place(time, since - FROZEN_S), place(time, since), place(time, since + FROZEN_S))
     if time[0] > since - FROZEN_S or c >= time.size or b - a < 2:

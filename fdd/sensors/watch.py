@@ -52,9 +52,7 @@ class SensorWatch:
         self.unit = unit
         self._limits = Limits.of(unit)
         self._bounds = self._limits.row_bounds()
-        self._first = np.nan
-        self._last = -np.inf
-        self._frame = 0
+        self._first, self._last, self._frame = np.nan, -np.inf, 0
         self._tail: tuple[Array, Array] = np.empty(0), np.empty((len(NAMES), 0))
         self._parts: list[tuple[Array, Array, Mask]] = []
         self._set(Memory.new())
@@ -200,10 +198,8 @@ def impossible_rows(
 ) -> Mask:
     """Impossible values among `values` (12, n), taken at `time` (n,) s; rows have to come in their order.
 
-    Parameters
-    ----------
-    frame_begin : s, first row of the frame that the rows belong to. bounds : see `Limits.row_bounds`.
-    dead : (12,) what a broken loop reads. memory : where the last good values are kept.
+    Their frame began at `frame_begin` (s); `bounds` are `Limits.row_bounds`, `dead` (12,) is what a broken
+    loop reads, and the last good values are kept in `memory`.
     """
     out = np.zeros(values.shape, np.bool_)
     slack = np.empty(time.size)
