@@ -300,6 +300,7 @@ def drifts(records: Records, noise: Noise, scales: dict[int, Array]) -> dict[int
 
     Examples
     --------
+    >>> from estimators.eha.layout import RECORD
     >>> record = np.zeros(1, RECORD)
     >>> record["state"][0, eha.LEAK] = 2.0           # twice the healthy leakage
     >>> leak = drifts(record, Noise(), {eha.LEAK: np.array([6.5e-12])})[eha.LEAK]
