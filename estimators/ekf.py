@@ -139,9 +139,7 @@ class ExtendedKalmanFilter:
         self.z: Array = np.full((m, 1), np.nan)
         self.y: Array = np.zeros((m, 1))
         self.S, self.K = np.zeros((m, m)), np.zeros((n, m))
-        self.nis = 0.0
-        self.channels_used = 0
-        self.log_likelihood = 0.0
+        self.nis, self.channels_used, self.log_likelihood = 0.0, 0, 0.0
         self.robust_weights: Array = np.ones(m)
 
     def predict(

@@ -88,17 +88,12 @@ def kalman_update_correlated(
     >>> K.round(4).tolist(), round(P.item(), 4), round(nis, 4)
     ([[0.2857, 0.2857]], 0.4286, 0.5714)
     """
-    n = x.shape[0]
-    m = y.shape[0]
-    Hd = H.copy()
-    D = R.copy()
+    n, m = x.shape[0], y.shape[0]
+    Hd, D = H.copy(), R.copy()
     W = np.eye(m)  # the independent channels, as combinations of the original ones
     decorrelate(W, Hd, D, mask)
-    nis = 0.0
-    log_likelihood = 0.0
-    Ph = np.empty(n)
-    k = np.empty(n)
-    e_of_y = np.empty(m)
+    nis, log_likelihood = 0.0, 0.0
+    Ph, k, e_of_y = np.empty(n), np.empty(n), np.empty(m)
     K[:, :] = 0.0
     for c in range(m):
         if not mask[c]:
@@ -138,9 +133,8 @@ def svsf_gain(
 
         delta = H+ k + (I - H+ H) K_ekf e
 
-    Here ``H+ H K_ekf = K_ekf``, so the second term is zero identically: what an EKF would
-    tell the unmeasured states already arrives through the cross-covariances in ``H+``. Hence
-    ``K = H+ diag(r)``.
+    Here ``H+ H K_ekf = K_ekf``, so the second term is zero identically: what an EKF would tell the unmeasured
+    states already arrives through the cross-covariances in ``H+``. Hence ``K = H+ diag(r)``.
 
     Channels that measure the same combination of states make ``H P H'`` singular; then a
     share :data:`TIE_BREAK` of ``R`` is added to it, which weighs them by their noise.

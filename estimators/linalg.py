@@ -34,8 +34,7 @@ def symmetrise(P: Array) -> None:
 @njit()
 def project(P: Array, H: Array, PHt: Array, HPHt: Array) -> None:
     """Fill ``PHt = P H'`` (n, m) and ``HPHt = H P H'`` (m, m), the latter exactly symmetric."""
-    n = P.shape[0]
-    m = H.shape[0]
+    n, m = P.shape[0], H.shape[0]
     for i in range(n):
         for c in range(m):
             total = 0.0
@@ -64,9 +63,7 @@ def joseph_update(P: Array, K: Array, H: Array, R: Array) -> None:
     0.6875
     """
     n, m = K.shape
-    A = np.zeros((n, n))
-    AP = np.zeros((n, n))
-    KR = np.zeros((n, m))
+    A, AP, KR = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, m))
     for i in range(n):
         A[i, i] = 1.0
         for c in range(m):

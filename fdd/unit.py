@@ -158,7 +158,7 @@ class Estimation(Section):
     """Noise that this unit's healthy logs show, in place of the estimators' defaults.
 
     Written by ``fdd identify`` for what a healthy log can tell; what is left out stays as
-    `estimators.eha.noise.Noise` argues. Measurement noise is a standard deviation per sample; process
+    `estimators.eha.layout.Noise` argues. Measurement noise is a standard deviation per sample; process
     noise that of its integral after one second.
     """
 

@@ -31,11 +31,10 @@ Which are free follows from the sensors: without both chamber pressures the two
 bulk moduli are one (SPLIT stays 0), and without the difference beside them it has no ZERO. The friction scale
 has no direction of its own: its asymmetry is a constant load force, LOAD.
 
-The pump angle is a *measurement*. In one step ``C₁ Δp₁ = D Δθ − A₁ Δx − h·outflow`` holds to
-rounding (velocity and speed are means over the step), and process noise on speed and
-velocity enters position, angle and pressures together: the filter carries the
-volume balance ``D θ − A x = ∫ L p dt + C p + constant`` exactly, which is what makes
-leakage and bulk modulus observable at encoder accuracy.
+The pump angle is a *measurement*. In one step ``C₁ Δp₁ = D Δθ − A₁ Δx − h·outflow`` holds to rounding
+(velocity and speed are means over the step), and process noise on speed and velocity enters position, angle
+and pressures together: the filter carries the volume balance ``D θ − A x = ∫ L p dt + C p + constant``
+exactly, which is what makes leakage and bulk modulus observable at encoder accuracy.
 
 Equations: thesis 3.14 to 3.18, 3.40 and 5.12; effective bulk modulus with air after
 eqs 5.20 and 5.21, ``1/β(p) = 1/β_stiff + α c(p)``,
@@ -178,11 +177,10 @@ def step(
 ) -> None:  # fmt: skip
     """One step of the model with its Jacobian.
 
-    Velocity and speed are driven by large unknown forces, so their predictions are poor while
-    the encoders know them well afterwards. Flow multiplies air and pump gain: the Jacobian is
-    therefore taken where the measurement will put velocity and speed (as an iterated EKF does,
-    Bell and Cathey 1993, doi 10.1109/9.250476), or these parameters would learn from
-    prediction errors.
+    Velocity and speed are driven by large unknown forces, so their predictions are poor while the encoders
+    know them well afterwards. Flow multiplies air and pump gain: the Jacobian is therefore taken where the
+    measurement will put velocity and speed (as an iterated EKF does, Bell and Cathey 1993, doi
+    10.1109/9.250476), or these parameters would learn from prediction errors.
 
     Parameters
     ----------
@@ -246,20 +244,16 @@ def advance(
     turning = x[W] if math.isnan(w_at) else w_at
     a1 = into * x[W] - rate * base1 - valve1 * over1  # net inflow of chamber 1 but for the piston's
     a2 = out_of * x[W] + rate * base2 + valve2 * over2
-    da1[W] = into
-    da2[W] = out_of
+    da1[W], da2[W] = into, out_of
     da1[GAIN] = q.displacement * (1.0 - denser) * turning
     da2[GAIN] = q.displacement * (1.0 + denser) * turning
     da1[AIR] = -0.5 * thinned * pump * turning
     da2[AIR] = -da1[AIR]
-    da1[LEAK] = -base1 / viscosity
-    da2[LEAK] = base2 / viscosity
-    da1[VALVE1] = -total * over1
-    da2[VALVE2] = total * over2
+    da1[LEAK], da2[LEAK] = -base1 / viscosity, base2 / viscosity
+    da1[VALVE1], da2[VALVE2] = -total * over1, total * over2
     da1[P1], da1[P2] = -rate * (q.cross_port_leakage + q.case_leakage) - valve1, rate * q.cross_port_leakage
     da2[P1], da2[P2] = -rate * q.cross_port_leakage, rate * (q.cross_port_leakage + q.case_leakage) + valve2
-    mean1 = q.stiff_compliance + x[AIR] * b1_air
-    mean2 = q.stiff_compliance + x[AIR] * b2_air
+    mean1, mean2 = q.stiff_compliance + x[AIR] * b1_air, q.stiff_compliance + x[AIR] * b2_air
     half1, half2 = 0.5 * mean1 * pump * turning, 0.5 * mean2 * pump * turning
     da1[P1], da1[P2] = da1[P1] - half1, da1[P2] + half2
     da2[P1], da2[P2] = da2[P1] + half1, da2[P2] - half2
@@ -276,24 +270,18 @@ def advance(
     v_new = (v * (1.0 + mu * h * implicit) + mu * h * force) / den
     dv[X] = -mu * h * x[STIF]
     dv[V] = 1.0 + mu * h * (implicit - x[FRIC] * slope + x[FRIC] * stick_v * (v - v_new))
-    dv[P1] = mu * h * area1
-    dv[P2] = -mu * h * area2
+    dv[P1], dv[P2] = mu * h * area1, -mu * h * area2
     dv[FRIC] = mu * h * (stick * (v - v_new) - curve)
     dv[V] -= mu * h * x[THROT] * v_new * direction
     dv[VISC] = -mu * h * v_new
     dv[SKEW] = direction * dv[VISC]
     dv[THROT] = -mu * h * abs(v) * v_new
-    dv[LOAD] = -mu * h
-    dv[STIF] = -mu * h * x[X]
+    dv[LOAD], dv[STIF] = -mu * h, -mu * h * x[X]
 
-    out[X] = x[X] + h * v_new
-    out[V] = v_new
-    out[TH] = x[TH] + h * x[W]
-    out[W] = x[W]
-    inflow1 = a1 - area1 * v_new
-    inflow2 = area2 * v_new - a2
-    out[P1] = p1 + h * i1 * inflow1
-    out[P2] = p2 + h * i2 * inflow2
+    out[X], out[V] = x[X] + h * v_new, v_new
+    out[TH], out[W] = x[TH] + h * x[W], x[W]
+    inflow1, inflow2 = a1 - area1 * v_new, area2 * v_new - a2
+    out[P1], out[P2] = p1 + h * i1 * inflow1, p2 + h * i2 * inflow2
     extra_w = turning - x[W]
     extra_v = 0.0 if math.isnan(v_at) else v_at - v_new
     at1 = inflow1 + into * extra_w - area1 * extra_v

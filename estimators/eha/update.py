@@ -1,23 +1,20 @@
-"""Covariance step and measurement updates of the EHA tracker, for its structure.
+"""Covariance step and measurement updates of the EHA tracker, Kalman's and the SVSF's, for its structure.
 
 What makes them cheap, and exact:
 
-- Friction and load, the states from `eha.FRIC` on, learn from the mean force alone (see
-  `estimators.eha.corrections`). They are never correlated with the others, so ``P`` has two
-  blocks. Everything here works on the first, the ``COUPLED`` states before `eha.FRIC`.
-- Only the first ``MOVING`` rows of ``F`` differ from the identity, and most of their
-  entries are zero.
-- A channel is one state, or the difference of two: ``P h'`` is a row of ``P``, or the
-  difference of two rows.
+- Friction and load, the states from `eha.FRIC` on, learn from the mean force alone (`estimators.eha.walk`).
+  They are never correlated with the others: ``P`` has two blocks, and all here but `compare_sensors` works on
+  the first, the ``COUPLED`` states.
+- Only the first ``MOVING`` rows of ``F`` differ from the identity, and most of their entries are zero.
+- A channel is one state, or the difference of two: ``P h'`` is a row of ``P``, or the difference of two.
 
-The Joseph form ``(I - k h) P (I - k h)' + k r k'`` with ``k = P h' / s``, ``s = h P h' + r``,
-equals ``P - k s k'`` in exact arithmetic, and so ``P h' = k r`` after the update. In floating
-point the difference ``P - k s k'`` loses just this product, which is where a precise
-channel drives a variance negative; Joseph's form saves it. Here ``P - u u'`` with
-``u = P h' / √s`` is formed, which is symmetric to the bit, and then ``P h' = k r`` is *imposed*
-on the rows that `h` selects. What remains, the covariance given the measured state, is
-the same before and after: ``P`` stays positive as long as Joseph's would.
-(Bierman 1977, Factorization Methods for Discrete Sequential Estimation, ch. II and V.)
+The Joseph form ``(I - k h) P (I - k h)' + k r k'`` with ``k = P h' / s``, ``s = h P h' + r``, equals
+``P - k s k'`` in exact arithmetic, and so ``P h' = k r`` after the update. In floating point ``P - k s k'``
+loses just this product, which is where a precise channel drives a variance negative; Joseph's form saves it.
+Here ``P - u u'`` with ``u = P h' / √s`` is formed, which is symmetric to the bit, and then ``P h' = k r`` is
+*imposed* on the rows that `h` selects. What remains, the covariance given the measured state, is the same
+before and after: ``P`` stays positive as long as Joseph's would. (Bierman 1977, Factorization Methods for
+Discrete Sequential Estimation, ch. II and V.)
 """
 
 from __future__ import annotations
@@ -29,8 +26,9 @@ from numpy.typing import NDArray
 
 from estimators.compiled import njit
 from estimators.eha import model as eha
-from estimators.kernels import TIE_BREAK
-from estimators.linalg import Array, Mask
+from estimators.eha.layout import Memory
+from estimators.kernels import TIE_BREAK, svsf_gain
+from estimators.linalg import Array, Mask, joseph_update, project
 
 Indices = NDArray[np.int64]
 
@@ -38,6 +36,8 @@ MOVING = eha.P2 + 1
 """States with dynamics; the others are random walks."""
 COUPLED = eha.FRIC
 """States that measurements of motion and pressure inform."""
+ROBUST = 5.0  # innovations beyond this many sigmas are weighed down (Huber)
+PAIRS = 20  # samples averaged before one update
 # Columns worked on: up to a multiple of four, which saves the loops over remainders. Those beyond
 # COUPLED hold zeros, of the other block, and stay zero.
 _SPARE = eha.STATES - min(-(-COUPLED // 4) * 4, eha.STATES)
@@ -94,14 +94,12 @@ def selected_update(P: Array, plus: int, minus: int, r: float, u: Array) -> floa
     Fills `u` (STATES,) with ``P h' / √s``, so that the gain is ``u / √s``, and gives ``s = h P h' + r``.
     """
     width = P.shape[0] - _SPARE
+    s = channel_variance(P, plus, minus) + r
+    root = 1.0 / math.sqrt(s)
     if minus < 0:
-        s = P[plus, plus] + r
-        root = 1.0 / math.sqrt(s)
         for j in range(width):
             u[j] = P[plus, j] * root
     else:
-        s = channel_variance(P, plus, minus) + r
-        root = 1.0 / math.sqrt(s)
         for j in range(width):
             u[j] = (P[plus, j] - P[minus, j]) * root
     for i in range(COUPLED):
@@ -241,3 +239,87 @@ def layers_exceeded(
             if psi_k[c] * psi_k[c] > limit:
                 return True
     return False
+
+
+@njit()
+def svsf_motion(
+    x: Array, P: Array, y: Array, plus: Indices, minus: Indices, r: Array, mask: Mask, e_post: Array,
+    gamma: float, layer: float, psi_k: Array,
+) -> tuple[bool, Array, Array]:  # fmt: skip
+    """What the SVSF makes of the motion states: whether it switched, them, and their variances.
+
+    Seldom called: only where a boundary layer left its limit. Each channel's layer is the optimal one up to
+    its own limit: with the limit for all, one pressure beyond its own would take a position
+    well within its ten standard deviations for a matter of no hurry, and the motion would run away.
+    """
+    n, used = COUPLED, 0
+    for measured in mask:  # NumPy's own count would load half of the compiler
+        used += measured
+    H, R, K = np.zeros((used, n)), np.zeros((used, used)), np.empty((n, used))
+    e, before, psi = np.empty(used), np.empty(used), np.empty(used)
+    a = 0
+    for i in range(y.shape[0]):
+        if not mask[i]:
+            continue
+        H[a, plus[i]] = 1.0
+        if minus[i] >= 0:
+            H[a, minus[i]] = -1.0
+        R[a, a], e[a], before[a] = r[i], y[i], e_post[i]
+        psi[a] = layer * np.sqrt(r[i] + channel_variance(P, plus[i], minus[i]))
+        if 0.0 < psi_k[i] < psi[a]:
+            psi[a] = psi_k[i]
+        a += 1
+    state, covariance = x[:n].copy(), P[:n, :n].copy()
+    PHt, HPHt = np.empty((n, used)), np.empty((used, used))
+    project(covariance, H, PHt, HPHt)
+    switched = svsf_gain(
+        PHt, HPHt, R, e, before, gamma, psi, True, K, np.empty(used), np.empty(used, np.bool_)
+    )
+    if switched:
+        joseph_update(covariance, K, H, R)
+        for i in range(n):
+            for a in range(used):
+                state[i] += K[i, a] * e[a]
+    return switched, state[:MOVING], np.diag(covariance)[:MOVING].copy()
+
+
+@njit(error_model="numpy", _nrt=False)
+def take_motion(x: Array, P: Array, motion: Array, variances: Array) -> None:
+    """Motion from the SVSF, parameters from the Kalman filter, in place.
+
+    The SVSF's guarantee is for what is measured; carried over to the parameters, its gain throws
+    them as far as the innovation is large. No gain has a smaller covariance than Kalman's: the
+    surplus of the motion states' variances is added to Kalman's, which leaves it positive.
+    """
+    for i in range(MOVING):
+        if np.isfinite(motion[i]):
+            x[i] = motion[i]
+        surplus = variances[i] - P[i, i]
+        if surplus > 0.0 and np.isfinite(surplus):
+            P[i, i] += surplus
+
+
+@njit()
+def compare_sensors(x: Array, P: Array, gap: float, variance: float, memory: Memory) -> None:
+    """Let `gap` = Δp − (p₁ − p₂), MPa, of white noise `variance`, tell the zero, `PAIRS` samples at a time.
+
+    The zero stands alone in the covariance: the redundant sensor is not let into the pressures, for its
+    gain error, one percent or so, would pull them about under load, and which of the sensors is
+    off nobody knows. Differences beyond five standard deviations are weighed down (Huber).
+    """
+    if np.isnan(gap):
+        return
+    memory.gap += gap
+    memory.pairs += 1.0
+    if memory.pairs < PAIRS:
+        return
+    error = memory.gap / memory.pairs - x[eha.ZERO]
+    noise = variance / memory.pairs
+    memory.gap = memory.pairs = 0.0
+    prior = P[eha.ZERO, eha.ZERO]
+    s = prior + noise
+    if error * error > ROBUST * ROBUST * s:
+        noise += s * (error * error / (s * ROBUST * ROBUST) - 1.0)
+        s = prior + noise
+    x[eha.ZERO] += prior / s * error
+    P[eha.ZERO, eha.ZERO] = prior * noise / s

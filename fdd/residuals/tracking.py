@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from estimators.eha.noise import Noise
+from estimators.eha.layout import Noise
 from estimators.eha.tracker import EhaTracker
 from estimators.eha.walk import drifts
 from estimators.observability import Observability, Observed

@@ -1,16 +1,18 @@
-"""What is said of a sensor: the kind of failure, its time, its size and the reason."""
+"""What is known of the sensors so far: findings, and what is remembered of each channel from frame to frame.
+
+A finding says the kind of failure, its time, its size and the reason. Memory is plain arrays, saved as such.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from fdd.faults import fault as catalogue_fault
-from fdd.sensors.limits import NAMES
-from fdd.sensors.memory import Memory
+from fdd.sensors.limits import NAMES, Array
 
 Kind = Literal[
     "dead", "stuck", "saturated", "out_of_range", "spikes", "step", "slip", "supply_loss", "noisy",
@@ -25,6 +27,23 @@ CONFIDENCE: dict[str, float] = {
 """How sure a finding of a kind is: not calibrated. Chance plays no part (see the thresholds); what is left is
 that the profile is wrong."""
 SAME_INSTANT_S = 0.05
+COUNT = len(NAMES)
+CELL_HISTORY = 250
+"""Cells of 20 ms: the noise of the last five seconds."""
+STILL, MOVING = 0, 1
+"""Classes of frames: the pump turned less than once, or more. Noise and repeats are compared within a
+class."""
+SHAPES: dict[str, tuple[int, ...]] = {
+    **dict.fromkeys(("frames", "repeat", "noisiest", "quietest"), (2, COUNT)),
+    "volume": (5,), "stood": (4,), "stamps": (2,), "cells": (COUNT, CELL_HISTORY), "derived": (1,),
+}  # fmt: skip
+"""Of what is not (12,)."""
+UNKNOWN = (
+    "run_value", "run_since", "loud_since", "faint_since", "absent_since", "absent_first", "failed_since",
+    "last_value", "good_value", "good_time", "doubtful_since", "previous", "stamps", "derived",
+)  # fmt: skip
+STARTS = {**dict.fromkeys(UNKNOWN, np.nan), "quietest": np.inf, "held_until": -np.inf}
+"""What does not start at 0."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +95,53 @@ class SensorFinding:
         if self.kind == "step" and self.channel.startswith("pressure"):
             return catalogue_fault("pressure_sensor_bias").id
         return catalogue_fault("sensor_dropout").id
+
+
+class Memory(NamedTuple):
+    """Per channel (12,), or per class of frame and channel (2, 12)."""
+
+    rows: Array  # that came
+    present: Array  # rows with a value
+    run_value: Array  # that the channel shows
+    run_since: Array  # s, since when it shows that
+    run_rows: Array  # in how many rows
+    changed: Array  # whether it ever changed
+    frames: Array  # that were judged good
+    repeat: Array  # the largest chance of a repeated value in these
+    noisiest: Array  # the largest noise in these
+    quietest: Array  # the least noise in these
+    loud: Array  # frames in a row with far more noise
+    loud_since: Array  # s, begin of the first of these
+    faint: Array  # frames in a row with far less noise
+    faint_since: Array  # s, begin of the first of these
+    absent_since: Array  # s, a gap that is open
+    absent_s: Array  # seconds missing lately
+    absent_first: Array  # s, when that began
+    held_until: Array  # s, until when repeats are taken for a loose contact's
+    failed_since: Array  # s, since when it is not to be trusted, NaN if it is
+    good: Array  # good frames since
+    biased: Array  # sum of steps that a pressure made
+    excited: Array  # frames with a turning pump since the channel changed last
+    # (5,) m³ that the pump displaced since the position changed last: sum, least, most, what leakage allows;
+    # and whether the position stopped in mid-motion.
+    volume: Array
+    # (4,) the position's last stand that a frame did not hold: since and until when (s), what the pump
+    # displaced meanwhile (m³); and since when it stands now.
+    stood: Array
+    last_value: Array  # what the channel showed before `run_value`
+    good_value: Array  # this and the next four are for the masks of rows
+    good_time: Array
+    doubtful_since: Array
+    previous: Array
+    stamps: Array
+    cells: Array  # the last excesses of cells, newest last
+    cell_count: Array  # how many there are
+    derived: Array  # (1,) whether Δp is p1 - p2 to the last digit: 1, 0, NaN not known
+
+    @classmethod
+    def new(cls) -> Memory:
+        """Of a log that has not begun."""
+        return cls(*(np.full(SHAPES.get(n, (COUNT,)), STARTS.get(n, 0.0)) for n in cls._fields))
 
 
 class SensorFindings:

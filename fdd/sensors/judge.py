@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fdd.sensors.finding import SAME_INSTANT_S, Kind, SensorFindings
-from fdd.sensors.jumping import JumpWatch, Rows, swept_volume
-from fdd.sensors.limits import DIFFERENCE, IS_LIVE, IS_MEASURED, NAMES, POSITION, Limits, figure
-from fdd.sensors.memory import MOVING, STILL
+from fdd.sensors.finding import MOVING, SAME_INSTANT_S, STILL, Kind, SensorFindings
+from fdd.sensors.jumping import JumpWatch
+from fdd.sensors.jumps import Rows, swept_volume
+from fdd.sensors.limits import DIFFERENCE, IS_LIVE, IS_MEASURED, NAMES, POSITION, Array, Limits, Mask, figure
 from fdd.sensors.scan import FRAME_S, LEARNT_FRAMES, LOST_WINDOW_S, Scan, rows_needed, scan, standing_position
-from fdd.sensors.statistics import smallest
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 BURST_S = 1.0
 """s: a value that stays constant for less is a loose contact's; a sensor that fails stays failed."""
@@ -32,25 +27,16 @@ SILENT_S = 5.0
 
 
 class FrameJudge:
-    """Judge frame after frame.
-
-    Parameters
-    ----------
-    limits : of the unit. findings : where they go, and what is kept of the channels.
-    """
+    """Judge frame after frame, by a unit's limits and by what `findings` keeps of the channels."""
 
     def __init__(self, limits: Limits, findings: SensorFindings) -> None:
         self.limits, self.memory, self.findings = limits, findings.memory, findings
         self._jumps = JumpWatch(limits, findings)
 
     def judge(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
-        """Judge rows ``first:``; those before are the tail of the frame before.
+        """Judge rows ``first:`` of `time` (n,) s and `values` (12, n), the frame's until `end` (s).
 
-        Parameters
-        ----------
-        time : (n,) s. values : (12, n). impossible : (12, m) of this frame's, what `impossible_rows` took
-            out.
-        end : s, of the frame.
+        Those before are the tail of the frame before; `impossible` (12, m) says what `impossible_rows` took.
         """
         memory, limits = self.memory, self.limits
         self.findings.begin_frame(end)
@@ -71,7 +57,7 @@ class FrameJudge:
         if kind == MOVING:
             memory.excited[frame.measured] = np.where(frame.whole, memory.excited + 1.0, 0.0)[frame.measured]
         self._learn(frame, kind, frame.measured & ~odd & ~failing & np.isnan(memory.failed_since))
-        self._jumps.judge(rows, frame.seen, end - FRAME_S, end)
+        self._jumps.judge(rows, frame.seen, end)
         own = np.ones(len(NAMES), np.bool_)
         own[DIFFERENCE] = memory.derived[0] != 1.0
         self._silent_from_start(end, own)
@@ -171,7 +157,7 @@ class FrameJudge:
         low, high, name = self.limits.low[k], self.limits.high[k], NAMES[k]
         beyond = (values < low) | (values > high)
         known = values[~np.isnan(values)]
-        middle = smallest(known, known.size // 2)
+        middle = float(np.partition(known, known.size // 2)[known.size // 2])
         if not low <= middle <= high:
             message = (
                 f"{name} is {figure(name, middle)} (median of {FRAME_S:g} s), beyond what the unit can "

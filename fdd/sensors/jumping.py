@@ -5,22 +5,14 @@ Steps of single rows are judged by `jumps`; slower ones by the means of cells of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.sensors.compiled import njit
-from fdd.sensors.finding import SensorFindings
-from fdd.sensors.jumps import NOISE_REACH, STAYS, Jump, explained, jumps, moved_oil
-from fdd.sensors.limits import ACCUMULATOR, ANGLE, DIFFERENCE, NAMES, ONE, POSITION, SPEED, TWO, Limits
-from fdd.sensors.memory import CELL_HISTORY, Memory
-from fdd.sensors.scan import LEAK_MARGIN
-from fdd.sensors.statistics import GAUSS_90, excess, place, smallest, widest
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from fdd.sensors.finding import CELL_HISTORY, Memory, SensorFindings
+from fdd.sensors.jumps import NOISE_REACH, STAYS, Jump, Rows, excess, explained, jumps, moved_oil, widest
+from fdd.sensors.limits import ACCUMULATOR, ANGLE, DIFFERENCE, NAMES, ONE, POSITION, TWO, Array, Limits, Mask
+from fdd.sensors.scan import FRAME_S, GAUSS_90, LEAK_MARGIN, place, smallest
 
 JUDGED = (ANGLE, POSITION, ONE, TWO, DIFFERENCE, ACCUMULATOR)
 IS_JUDGED = np.isin(np.arange(len(NAMES)), JUDGED)
@@ -43,56 +35,14 @@ PUMP_DOUBT = 0.5
 LOADED = (ONE, TWO, DIFFERENCE)
 
 
-@dataclass(frozen=True)
-class Rows:
-    """Rows under judgement.
-
-    Attributes
-    ----------
-    time : (n,) s. values : (12, n) in the order of `NAMES`. noise : (12,) of a row, see `spread`.
-    swept : (n,) m³ that the pump displaced, from an arbitrary zero; (0,) without angle and speed.
-    """
-
-    time: Array
-    values: Array
-    noise: Array
-    swept: Array
-
-    def difference(self) -> Array | None:
-        """Δp, measured or from both chambers, (n,) Pa."""
-        found = self.values[DIFFERENCE]
-        if np.isnan(found).all():
-            found = self.values[ONE] - self.values[TWO]
-        return None if np.isnan(found).all() else np.asarray(found)
-
-
-def swept_volume(time: Array, values: Array, limits: Limits, memory: Memory) -> Array:
-    """As `Rows.swept`, from `values` (12, n)."""
-    for k in (ANGLE, SPEED):
-        there = np.isfinite(values[k])
-        known = np.count_nonzero(there)
-        if known < 2 or not np.isnan(memory.failed_since[k]):
-            continue
-        column = values[k] if known == time.size else np.interp(time, time[there], values[k, there])
-        if k == SPEED:
-            column = np.concatenate(([0.0], np.cumsum(0.5 * (column[1:] + column[:-1]) * np.diff(time))))
-        return np.asarray(limits.displacement * column)
-    return np.empty(0)
-
-
 class JumpWatch:
     """Look for jumps in each frame; see `FrameJudge`."""
 
     def __init__(self, limits: Limits, findings: SensorFindings) -> None:
         self.limits, self.memory, self.findings = limits, findings.memory, findings
 
-    def judge(self, rows: Rows, seen: Array, start: float, end: float) -> None:
-        """Judge what came `DEFERRED_S` earlier than the frame from `start` to `end`.
-
-        Parameters
-        ----------
-        seen : (12,) values of each channel among the rows.
-        """
+    def judge(self, rows: Rows, seen: Array, end: float) -> None:
+        """Judge what came `DEFERRED_S` before the frame until `end` (s); `seen` (12,) counts the values."""
         limits, memory, time = self.limits, self.memory, rows.time
         # A loose contact's jumps are reported as such; a biased pressure is still watched, for the step back.
         judged = IS_JUDGED & (seen > 0.0) & ~self.findings.failing & (memory.held_until <= time[0])
@@ -101,7 +51,7 @@ class JumpWatch:
         judged[POSITION] &= rows.swept.size > 0
         if time.size < 8 or not judged.any():
             return
-        start, stop = start - DEFERRED_S, end - DEFERRED_S
+        start, stop = end - FRAME_S - DEFERRED_S, end - DEFERRED_S
         origin, cells = start - BESIDE_CELLS * CELL_S, round((stop - start) / CELL_S) + 2 * BESIDE_CELLS
         peaks, means, over, limit = cells_of(
             time, rows.values, rows.swept, judged, rows.noise, origin, cells, limits, memory
@@ -225,33 +175,20 @@ def _slow_jumps(level: Array, over: Array, limit: Array, origin: float, sharp: l
     return found
 
 
-class Cells(NamedTuple):
-    """Of the judged channels, NaN and 0 of the others.
-
-    Attributes
-    ----------
-    peaks : (2, 12) largest excess of a row for either of `STRIDES`.
-    means, over : (12, cells) mean of each cell, and how far its step exceeds those of its neighbours.
-    limit : (12, cells) what `over` may be; inf for a channel in which nothing is beyond its noise.
-    """
-
-    peaks: Array
-    means: Array
-    over: Array
-    limit: Array
-
-
 @njit(nogil=True)
 def cells_of(
     time: Array, values: Array, swept: Array, judged: Mask, noise: Array, origin: float, cells: int,
     limits: Limits, memory: Memory,
-) -> Cells:  # fmt: skip
+) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Look at `values` (12, n) of the judged channels in `cells` cells from `origin` (s) on.
 
-    Parameters
-    ----------
-    swept : (n,) m³ that the pump displaced, (0,) where that is not known. noise : (12,) of a row.
-    memory : what its cells showed before goes on.
+    `swept` (n,) or (0,) as in `Rows`, `noise` (12,) of a row; what the memory's cells showed before goes on.
+
+    Returns
+    -------
+    peaks : (2, 12) largest excess of a row for either of `STRIDES`; 0 of channels that are not judged.
+    means, over : (12, cells) mean of each cell (NaN of those), how far its step exceeds its neighbours'.
+    limit : (12, cells) what `over` may be; inf for a channel in which nothing is beyond its noise.
     """
     channels, fresh = values.shape[0], cells - 2 * BESIDE_CELLS
     edges = np.empty(cells + 1, np.int64)
@@ -317,7 +254,7 @@ def cells_of(
                     oil[i] += oil[i - 1]
                 moved = _cell_range(_cell_means(oil, edges))
             limit[k] = floor + limits.stiffness * moved
-    return Cells(peaks, means, over, limit)
+    return peaks, means, over, limit
 
 
 @njit(nogil=True)

@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.sensors.compiled import njit
-from fdd.sensors.limits import ANGLE, DIFFERENCE, ONE, POSITION, TWO, Limits
-from fdd.sensors.statistics import excess, smallest, widest
-
-Array = NDArray[np.float64]
+from fdd.sensors.finding import Memory
+from fdd.sensors.limits import ANGLE, DIFFERENCE, ONE, POSITION, SPEED, TWO, Array, Limits
+from fdd.sensors.scan import smallest
 
 NOISE_REACH = 16.0
 """Standard deviations of a row's noise. An excess beyond T needs ``a + 2b + c`` and ``2a + b + d`` beyond it,
@@ -37,31 +35,49 @@ NOISE_RANGE = 4.0
 
 
 @dataclass(frozen=True)
+class Rows:
+    """Rows under judgement."""
+
+    time: Array  # (n,) s
+    values: Array  # (12, n) in the order of `NAMES`
+    noise: Array  # (12,) of a row, see `spread`
+    swept: Array  # (n,) m³ that the pump displaced, from an arbitrary zero; (0,) without angle and speed
+
+    def difference(self) -> Array | None:
+        """Δp, measured or from both chambers, (n,) Pa."""
+        found = self.values[DIFFERENCE]
+        if np.isnan(found).all():
+            found = self.values[ONE] - self.values[TWO]
+        return None if np.isnan(found).all() else np.asarray(found)
+
+
+def swept_volume(time: Array, values: Array, limits: Limits, memory: Memory) -> Array:
+    """As `Rows.swept`, from `values` (12, n)."""
+    for k in (ANGLE, SPEED):
+        there = np.isfinite(values[k])
+        known = np.count_nonzero(there)
+        if known < 2 or not np.isnan(memory.failed_since[k]):
+            continue
+        column = values[k] if known == time.size else np.interp(time, time[there], values[k, there])
+        if k == SPEED:
+            column = np.concatenate(([0.0], np.cumsum(0.5 * (column[1:] + column[:-1]) * np.diff(time))))
+        return np.asarray(limits.displacement * column)
+    return np.empty(0)
+
+
+@dataclass(frozen=True)
 class Jump:
-    """A jump of one channel.
+    """A jump of one channel, SI."""
 
-    Attributes
-    ----------
-    time : s of the first row that has it.
-    net : change of level that stays, SI; 0 for a spike.
-    peak : largest excess of a row.
-    before : level before. rows : how many rows are affected.
-    """
-
-    time: float
-    net: float
-    peak: float
-    before: float
-    rows: int
+    time: float  # s of the first row that has it
+    net: float  # change of level that stays; 0 for a spike
+    peak: float  # largest excess of a row
+    before: float  # level before
+    rows: int  # how many are affected
 
 
 def jumps(time: Array, values: Array, over: Array, limit: Array, start: float, stop: float) -> list[Jump]:
-    """Events whose first row lies in ``[start, stop)``.
-
-    Parameters
-    ----------
-    time : (n,) s. values : (n,). over : (n,) their excess. limit : (n,) what an excess may be.
-    """
+    """Events whose first row lies in ``[start, stop)``: `over`, the excess of `values`, passes `limit`."""
     rows = np.flatnonzero(np.abs(over) > limit)
     if not rows.size:
         return []
@@ -106,9 +122,7 @@ def _level_change(time: Array, values: Array, first: int, last: int) -> tuple[fl
 def explained(k: int, time: Array, values: Array, swept: Array, stride: int, limits: Limits) -> Array:
     """What physics and the recorder explain of an excess of channel k, (n,); inf beside missing rows.
 
-    Parameters
-    ----------
-    values : (12, n). swept : (n,) m³ that the pump displaced, (0,) where that is not known.
+    `values` (12, n) and `swept` (n,) or (0,) are those of `Rows`.
     """
     steps = np.zeros(time.size)
     steps[1:] = time[1:] - time[:-1]
@@ -185,4 +199,42 @@ def usual_step(time: Array, values: Array) -> Array:
     out = np.empty(values.size)
     for i in range(values.size):
         out[i] = smallest(steps[i : i + 5].copy(), 2)
+    return out
+
+
+@njit(nogil=True)
+def widest(values: Array, reach: int) -> Array:
+    """Largest of each of (n,) and the `reach` on either side; NaN where one of them is."""
+    out = values.copy()
+    for i in range(values.size):  # element by element: assigned slices compile for a second
+        for k in range(max(i - reach, 0), min(i + reach + 1, values.size)):
+            out[i] = np.maximum(out[i], values[k])
+    return out
+
+
+@njit(nogil=True)
+def excess(time: Array, values: Array, stride: int = 1) -> Array:
+    """What of each row's step is beyond its neighbours' rates, (n,) of (n,); 0 at the ends, NaN beside a NaN.
+
+    Parameters
+    ----------
+    stride : rows that a step spans: 2 sees a jump that two rows share.
+
+    Examples
+    --------
+    >>> excess(np.arange(6.0), np.array([0.0, 1.0, 2.0, 8.0, 9.0, 10.0])).tolist()
+    [0.0, 0.0, 0.0, 5.0, 0.0, 0.0]
+    """
+    out = np.zeros(values.size)
+    if time.size < 4 * stride:
+        return out
+    # A late stamp makes one step of time long and the next too short to divide by.
+    least = 0.5 * stride * (time[-1] - time[0]) / (time.size - 1)
+    steps = np.maximum(time[stride:] - time[:-stride], least)
+    rate = (values[stride:] - values[:-stride]) / steps
+    for i in range(time.size - 3 * stride):
+        earlier, middle, later = rate[i], rate[i + stride], rate[i + 2 * stride]
+        within = min(max(middle, min(earlier, later)), max(earlier, later))
+        known = not np.isnan(earlier + middle + later)
+        out[i + 2 * stride] = (middle - within) * steps[i + stride] if known else np.nan
     return out

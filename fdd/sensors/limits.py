@@ -15,6 +15,7 @@ from fdd.samples import CHANNELS
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 NAMES = tuple(c for c in CHANNELS if c != "time")
 INDEX = {name: k for k, name in enumerate(NAMES)}
@@ -50,45 +51,29 @@ COLOUR = 3.0
 
 
 class Limits(NamedTuple):
-    """Per channel, in the order of `NAMES`, (12,) each, SI.
+    """Per channel, in the order of `NAMES`, (12,) each, and of the unit; SI."""
 
-    Attributes
-    ----------
-    low, high : what a frame's median cannot be beyond; ±inf where nothing is known.
-    noise, resolution : the profile's.
-    repeat : chance that noise alone leaves a row at the value of the row before; 1 where noise is below the
-        counts.
-    rail : the highest reading of the sensor or its converter, NaN unknown.
-    dead : what a broken current loop reads, else 0.
-    pump_speed, acceleration : rad/s, rad/s², largest.
-    piston_speed : m/s, largest.
-    release : m/s², of the piston when its breakaway force is suddenly free.
-    lightness : m/s² of the piston for each Pa of Δp, A/m.
-    softness : m/Pa of the piston against the oil, with room for air.
-    stiffness : Pa/m³ of the smaller chamber.
-    loose : Pa, Δp of a single-rod cylinder below which both its piloted check valves may be open, so that
-        nothing holds the piston; 0 of a cylinder of equal areas.
-    """
-
-    low: Array
-    high: Array
-    noise: Array
+    low: Array  # what a frame's median cannot be beyond, -inf where nothing is known
+    high: Array  # likewise, inf where nothing is known
+    noise: Array  # the profile's, as `resolution`
     resolution: Array
-    repeat: Array
-    rail: Array
-    dead: Array
-    pump_speed: float
-    acceleration: float
-    piston_speed: float
-    release: float
-    lightness: float
-    softness: float
-    stiffness: float
+    repeat: Array  # chance that noise alone repeats a row's value; 1 where noise is below the counts
+    rail: Array  # the highest reading of the sensor or its converter, NaN unknown
+    dead: Array  # what a broken current loop reads, else 0
+    pump_speed: float  # rad/s, largest
+    acceleration: float  # rad/s², largest
+    piston_speed: float  # m/s, largest
+    release: float  # m/s², of the piston when its breakaway force is suddenly free
+    lightness: float  # m/s² of the piston for each Pa of Δp, A/m
+    softness: float  # m/Pa of the piston against the oil, with room for air
+    stiffness: float  # Pa/m³ of the smaller chamber
     displacement: float
     area: float
     stroke: float
     leakage: float
     relief: float
+    # Pa, Δp of a single-rod cylinder below which both its piloted check valves may be open, so that nothing
+    # holds the piston; 0 of a cylinder of equal areas.
     loose: float
 
     @classmethod
@@ -136,6 +121,19 @@ class Limits(NamedTuple):
             leakage=pump.total_leakage, relief=relief,
             loose=unit.accumulator.charge_pressure if cylinder.needs_pilots else 0.0,
         )  # fmt: skip
+
+    def row_bounds(self) -> Array:
+        """Least and largest value of a row, largest change in a second, and an allowance on that, (4, 12).
+
+        The change is inf where none is known.
+        """
+        reach = SIGMA * self.noise + self.resolution
+        rate = np.full(reach.size, np.inf)
+        rate[POSITION], rate[ANGLE] = self.piston_speed, 1.3 * self.pump_speed
+        bounds = np.stack([self.low - reach, self.high + reach, rate, 4.0 * reach])
+        # A speed that is a difference of counts over the nominal period doubles in a row a period late.
+        bounds[:2, SPEED] *= 2.0
+        return bounds
 
 
 def figure(name: str, value: float) -> str:

@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.sensors.compiled import njit
+from fdd.sensors.finding import Memory
 from fdd.sensors.limits import DIFFERENCE, IS_LIVE, IS_MEASURED, ONE, POSITION, STEADY_NOISE, TWO, Limits
-from fdd.sensors.memory import Memory
-from fdd.sensors.statistics import place, spread
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+GAUSS_75, GAUSS_90 = 1.1503, 1.6449
+"""Quantiles of the absolute value of a standard normal variable at 75 and 90 %."""
+LEAST_VALUES = 8
 FRAME_S = 0.5
 LONG_GAP_S = 0.25
 """s: gaps of one channel from this length on are reported: eight times the longest burst that a healthy
@@ -56,30 +58,19 @@ RELIEF_SHARE = 0.6
 
 
 class Scan(NamedTuple):
-    """What the rows of a frame show, (12,) each but the lists.
+    """What the rows of a frame show, (12,) each but the lists."""
 
-    Attributes
-    ----------
-    seen : values in the frame and the tail before it. measured : whether the frame has values to be judged.
-    least, most : of the frame. noise : of a row, with the tail, see `spread`.
-    repeated : share of values that are those of the row before. longest : rows of the longest run.
-    whole : whether the frame is one run.
-    bursts : whether short gaps make up too much of the last ten seconds.
-    gaps : (g, 3) channel, since, until (s; NaN while it lasts), of those from `LONG_GAP_S` on.
-    runs : (r, 5) channel, value, since, until, rows, of those that are too long.
-    """
-
-    seen: Array
-    least: Array
-    most: Array
-    noise: Array
-    repeated: Array
-    longest: Array
-    measured: Mask
-    whole: Mask
-    bursts: Mask
-    gaps: Array
-    runs: Array
+    seen: Array  # values in the frame and the tail before it
+    least: Array  # of the frame
+    most: Array  # of the frame
+    noise: Array  # of a row, with the tail, see `spread`
+    repeated: Array  # share of values that are those of the row before
+    longest: Array  # rows of the longest run
+    measured: Mask  # whether the frame has values to be judged
+    whole: Mask  # whether the frame is one run
+    bursts: Mask  # whether short gaps make up too much of the last ten seconds
+    gaps: Array  # (g, 3) channel, since, until (s; NaN while it lasts), of those from `LONG_GAP_S` on
+    runs: Array  # (r, 5) channel, value, since, until, rows, of those that are too long
 
 
 @njit(nogil=True)
@@ -88,9 +79,7 @@ def scan(
 ) -> Scan:
     """Rows ``first:`` of `values` (12, n), the frame's, held against limits and the frames before.
 
-    Parameters
-    ----------
-    kind : `STILL` or `MOVING`. end : s, of the frame. memory : its counts, gaps and runs go on.
+    It lasts until `end` (s), its `kind` is `STILL` or `MOVING`; counts, gaps and runs of `memory` go on.
     """
     channels, n = values.shape
     # Does Δp carry anything of its own? If not, it fails with the chambers' pressures.
@@ -230,9 +219,8 @@ def _shows_noise(k: int, memory: Memory, limits: Limits) -> bool:
     """Whether a channel without noise in its profile had some in every good frame, at rest too."""
     count = max(limits.resolution[k], LEAST_NOISE * limits.high[k])
     quietest = min(memory.quietest[0, k], memory.quietest[1, k])
-    return bool(
-        memory.frames[0, k] + memory.frames[1, k] >= LEARNT_FRAMES and quietest >= STEADY_NOISE * count
-    )
+    learnt = memory.frames[0, k] + memory.frames[1, k] >= LEARNT_FRAMES
+    return bool(learnt and quietest >= STEADY_NOISE * count)
 
 
 @njit(nogil=True)
@@ -241,14 +229,9 @@ def standing_position(
 ) -> bool:
     """Whether the pump displaced far more than a standing piston lets it, since the position changed.
 
-    Parameters
-    ----------
-    position : (n,) m. swept : (n,) m³, the pump's angle times its displacement. pressure : (n,) Pa, Δp.
-    begin : row from which on they are new. memory : its `volume` goes on, from 0 when the position changes;
-        what it was then stands in `stood`.
+    Of `position` (n,) m, `swept` (n,) m³ and `pressure` (n,) Pa, Δp, the rows from `begin` on are new. The
+    memory's `volume` goes on, from 0 when the position changes; what it was then stands in `stood`.
 
-    Notes
-    -----
     Allowed are three times the healthy leakage, what the oil takes at `Limits.softness` and, unless the
     position stopped in mid-motion (`_stopped_in_motion`), a valve that is stuck open. Rows near the relief
     setting do not count.
@@ -286,9 +269,7 @@ def standing_position(
 def _stopped_in_motion(time: Array, position: Array, moved: Array, since: float, count: float) -> bool:
     """Whether position and pump moved together until `since`, and the pump then went on alone.
 
-    Parameters
-    ----------
-    moved : (n,) m, the pump's volume over the area. count : m, resolution of the position.
+    `moved` (n,) m is the pump's volume over the area, `count` (m) the resolution of the position.
     """
     a, b, c = (place(time, since - FROZEN_S), place(time, since), place(time, since + FROZEN_S))
     if time[0] > since - FROZEN_S or c >= time.size or b - a < 2:
@@ -296,3 +277,63 @@ def _stopped_in_motion(time: Array, position: Array, moved: Array, since: float,
     travel, before, after = position[b] - position[a], moved[b] - moved[a], moved[c] - moved[b]
     together = abs(travel) > max(0.5 * abs(before), 4.0 * count) and travel * before > 0.0
     return bool(together and after * before > 0.0 and abs(after) > 0.5 * abs(before))
+
+
+@njit(nogil=True)
+def smallest(values: Array, rank: int) -> float:
+    """The value of this rank (0: least) among (n,) without NaN, which are put in another order.
+
+    Hoare's selection: on what a frame has it takes half the time of NumPy's partition.
+    """
+    low, high = 0, values.size - 1
+    while low < high:
+        pivot, i, j = values[(low + high) // 2], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if rank <= j:
+            high = j
+        elif rank >= i:
+            low = i
+        else:
+            break
+    return float(values[rank])
+
+
+@njit(nogil=True)
+def place(values: Array, at: float) -> int:
+    """How many of (n,) rising values lie before `at`.
+
+    Numba's own search, differences and sums each bring the compiler's modules along when kept code is loaded.
+    """
+    low, high = 0, values.size
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] < at:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit(nogil=True)
+def spread(values: Array) -> float:
+    """Standard deviation of the rows' noise in (n,) without NaN; 0 of fewer than 8.
+
+    From second differences, robust to jumps in up to a tenth of the rows. The larger of two quantiles, so
+    that it is not 0 where values are rounded and mostly stand still, and covers a frame of which only a part
+    is noisy.
+    """
+    if values.size < LEAST_VALUES:
+        return 0.0
+    second = np.empty(values.size - 2)
+    for i in range(second.size):
+        second[i] = abs((values[i + 2] - values[i + 1]) - (values[i + 1] - values[i]))
+    at_75, at_90 = int(0.75 * (second.size - 1)), int(0.9 * (second.size - 1))
+    high = smallest(second, at_90)
+    return max(smallest(second[:at_90], at_75) / GAUSS_75, high / GAUSS_90) / np.sqrt(6.0)

@@ -8,20 +8,15 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.samples import Samples
 from fdd.sensors.compiled import njit
-from fdd.sensors.finding import FAILING, SensorFinding, SensorFindings
+from fdd.sensors.finding import FAILING, Memory, SensorFinding, SensorFindings
 from fdd.sensors.judge import FrameJudge
-from fdd.sensors.limits import ANGLE, DIFFERENCE, INDEX, NAMES, ONE, POSITION, SIGMA, SPEED, TWO, Limits
-from fdd.sensors.memory import Memory
+from fdd.sensors.limits import DIFFERENCE, INDEX, NAMES, ONE, TWO, Array, Limits, Mask
 from fdd.sensors.scan import FRAME_S
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 STATE_VERSION = "3"
 TAIL_S = 0.3
@@ -56,10 +51,8 @@ class SensorWatch:
     def __init__(self, unit: Unit) -> None:
         self.unit = unit
         self._limits = Limits.of(unit)
-        self._bounds = row_bounds(self._limits)
-        self._first = np.nan
-        self._last = -np.inf
-        self._frame = 0
+        self._bounds = self._limits.row_bounds()
+        self._first, self._last, self._frame = np.nan, -np.inf, 0
         self._tail: tuple[Array, Array] = np.empty(0), np.empty((len(NAMES), 0))
         self._parts: list[tuple[Array, Array, Mask]] = []
         self._set(Memory.new())
@@ -199,30 +192,14 @@ class SensorWatch:
         self._parts = [frame] if time.size else []
 
 
-def row_bounds(limits: Limits) -> Array:
-    """Least and largest value of a row, largest change in a second, and an allowance on that, (4, 12).
-
-    The change is inf where none is known.
-    """
-    reach = SIGMA * limits.noise + limits.resolution
-    rate = np.full(reach.size, np.inf)
-    rate[POSITION], rate[ANGLE] = limits.piston_speed, 1.3 * limits.pump_speed
-    bounds = np.stack([limits.low - reach, limits.high + reach, rate, 4.0 * reach])
-    # A speed that is a difference of counts over the nominal period doubles where a row comes a period late.
-    bounds[:2, SPEED] *= 2.0
-    return bounds
-
-
 @njit(nogil=True)
 def impossible_rows(
     time: Array, values: Array, frame_begin: float, bounds: Array, dead: Array, memory: Memory
 ) -> Mask:
     """Impossible values among `values` (12, n), taken at `time` (n,) s; rows have to come in their order.
 
-    Parameters
-    ----------
-    frame_begin : s, first row of the frame that the rows belong to. bounds : see `row_bounds`.
-    dead : (12,) what a broken loop reads. memory : where the last good values are kept.
+    Their frame began at `frame_begin` (s); `bounds` are `Limits.row_bounds`, `dead` (12,) is what a broken
+    loop reads, and the last good values are kept in `memory`.
     """
     out = np.zeros(values.shape, np.bool_)
     slack = np.empty(time.size)

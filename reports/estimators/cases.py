@@ -1,6 +1,6 @@
 """The cases of the benchmark, what really happened in a run, and what the estimators take for noise.
 
-The noise is written from the documentation of `estimators.eha.noise` and not by calling the tracker: the
+The noise is written from the documentation of `estimators.eha.layout.Noise`, not by calling the tracker: the
 worlds that are drawn, the bound and filterpy's filter have the same statement to start from.
 """
 

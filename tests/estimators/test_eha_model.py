@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from estimators.eha.corrections import PAIRS, compare_sensors
-from estimators.eha.update import COUPLED, layers_exceeded, selected_update
+from estimators.eha.update import COUPLED, PAIRS, compare_sensors, layers_exceeded, selected_update
 from estimators.kernels import svsf_gain
 from estimators.linalg import project
 

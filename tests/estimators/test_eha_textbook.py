@@ -11,7 +11,7 @@ import pytest
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from estimators.eha.noise import Noise
+from estimators.eha.layout import Noise
 from estimators.eha.tracker import EhaTracker
 from estimators.eha.walk import walk_parameters, walk_rates
 from estimators.ekf import ExtendedKalmanFilter

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from estimators.eha.noise import Noise
+from estimators.eha.layout import Noise
 from fdd.packages import TRACKERS, Addition
 from fdd.residuals import added_tracker
 from fdd.residuals.added_tracker import AddedTracker, Tracker

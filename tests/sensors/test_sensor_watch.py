@@ -14,11 +14,10 @@ from fdd import Samples, Scenario, Unit
 from fdd.plant.simulate import Simulation, simulate
 from fdd.sensor import Sensor
 from fdd.sensors import SensorWatch
-from fdd.sensors.finding import Kind, SensorFindings
-from fdd.sensors.jumps import BREAKS_LOOSE, NOISE_REACH
+from fdd.sensors.finding import Kind, Memory, SensorFindings
+from fdd.sensors.jumps import BREAKS_LOOSE, NOISE_REACH, excess
 from fdd.sensors.limits import INDEX, POSITION, Limits
-from fdd.sensors.memory import Memory
-from fdd.sensors.statistics import excess, spread
+from fdd.sensors.scan import spread
 from tests.refusal import refused
 
 ONSET = 8.0
