@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.logs.formats.signals import LogFile, Signal, readable, require_size, seconds_since, unit_among
+from fdd.logs.formats import LogFile, Signal, readable, require_size, seconds_since, unit_among
 from fdd.samples import Column
 
 BATCH_ROWS = 1 << 16

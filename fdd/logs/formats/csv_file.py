@@ -14,8 +14,8 @@ import numpy as np
 from fdd.bounds import limit, raised
 from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
+from fdd.logs.formats import LogFile, Signal, readable, require_size
 from fdd.logs.formats.arrow import doubles
-from fdd.logs.formats.signals import LogFile, Signal, readable, require_size
 from fdd.logs.formats.text_layout import (
     MISSING,
     Layout,

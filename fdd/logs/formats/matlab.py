@@ -18,7 +18,7 @@ import numpy as np
 
 from fdd.bounds import DEEPEST_STRUCT, MOST_MATRIX_COLUMNS, MOST_MATRIX_DEPTH, limit
 from fdd.errors import InputError
-from fdd.logs.formats.signals import readable, require_size
+from fdd.logs.formats import readable, require_size
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES, MAX_SIGNALS
 from fdd.errors import InputError
+from fdd.logs.formats import LogFile, Signal, require_size
 from fdd.logs.formats.messages import Decoder, FieldPath, decoder_of
-from fdd.logs.formats.signals import LogFile, Signal, require_size
 from fdd.near_misses import did_you_mean, listed
 from fdd.samples import Column
 

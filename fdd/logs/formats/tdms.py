@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fdd.logs.formats.signals import readable, require_stored
+from fdd.logs.formats import readable, require_stored
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from fdd.bounds import SNIFFED_BYTES
 from fdd.errors import InputError
-from fdd.logs.formats.signals import readable, seconds_since
+from fdd.logs.formats import readable, seconds_since
 from fdd.measures import MEASURES, find_measure
 from fdd.samples import Column
 

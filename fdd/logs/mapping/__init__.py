@@ -1,4 +1,4 @@
-"""A channel map proposed from a log: who is which channel, in which unit and with which sign."""
+"""Channel maps that write themselves: from names, units, and what the signals do."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ import yaml
 
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource
-from fdd.logs.formats.signals import LogFile, Signal
-from fdd.logs.mapping.assignment import Choice, assign, signs_of
+from fdd.logs.formats import LogFile, Signal
+from fdd.logs.formats.trees import path_parts
+from fdd.logs.mapping.assignment import Choice, Question, assign, scale_of, signs_of, with_units
 from fdd.logs.mapping.behaviour import Signals
 from fdd.logs.mapping.concepts import RULES, Words
 from fdd.logs.mapping.evidence import Clues, gather
-from fdd.logs.mapping.units import Question, scale_of, with_units
-from fdd.logs.names import path_parts
 from fdd.measures import measure
 from fdd.near_misses import did_you_mean, listed
 from fdd.samples import CHANNELS, Samples, missing_required
+
+__all__ = ["Given", "Proposal", "Question", "Words", "balance_words", "given_of", "propose"]
 
 SURE = 0.9
 """Below it a channel that a diagnosis needs is asked for; below `LIKELY` any other is left out."""

@@ -14,7 +14,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.logs.conversion import directed, unwrap_counts
+from fdd.logs.channel_map import directed, unwrap_counts
 from fdd.samples import Column
 
 WINDOW_S = 0.1
