@@ -87,10 +87,7 @@ class ChannelSource(BaseModel):
         return self
 
     def measure_of(self, channel: str) -> Measure:
-        """The unit of measure, checked against the channel's dimension.
-
-        Raises InputError: names the channel and the units of measure that it may have.
-        """
+        """The unit of measure. Raises InputError: not of the channel's dimension; names those that are."""
         wanted = CHANNELS[channel]
         try:
             return measure(self.unit if self.unit is not None else wanted.unit, wanted.dimension)

@@ -192,17 +192,11 @@ def own_period(time: Column, values: Column, period: float) -> float | None:
 
 @dataclass(frozen=True)
 class SignalView:
-    """One signal.
+    """One signal: its name, rows, how many of these have no value, and least, median and greatest value.
 
-    Attributes
-    ----------
-    name, unit : as the file has them; unit "" where neither it nor the name says one.
-    rows : of the signal. missing : of these, without a value.
-    rate : Hz, NaN where the file does not tell its time.
-    longest_gap : s, NaN likewise.
-    low, middle, high : least, median and greatest value.
-    values : (n,) numbers; empty where it holds none.
-    problem : why it cannot be read, or "".
+    `unit`: "" where neither file nor name says one. `rate`: Hz, NaN where the file does not tell its time;
+    `longest_gap`: s, NaN likewise. `values`: (n,) numbers; empty where it holds none. `problem`: why it
+    cannot be read, or "".
     """
 
     name: str

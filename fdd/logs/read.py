@@ -38,16 +38,11 @@ _HOLDS = ("command", "position_setpoint")
 
 @dataclass
 class Log:
-    """A log in the house's currency.
+    """A log in the house's currency: its file's name, channels in SI, and what was missing or odd.
 
-    Attributes
-    ----------
-    samples : channels in SI.
-    quality : what was missing or odd.
-    name : file name.
-    axis : of the topic, the map, or the caller; None where nothing tells.
-    metadata : record name to key-value pairs (MCAP); of our runs ``["unit"]["yaml"]`` among them.
-    start_ns : ns since 1970, of t = 0; 0 where the file has no date.
+    `axis`: of the topic, the map, or the caller; None where nothing tells. `metadata`: record name to
+    key-value pairs (MCAP); of our runs ``["unit"]["yaml"]`` among them. `start_ns`: ns since 1970, of t = 0;
+    0 where the file has no date.
     """
 
     samples: Samples
@@ -113,10 +108,7 @@ def read_log(
 
 
 class Feed(NamedTuple):
-    """A channel's source in an opened file, its signal, and the one whose sign is the direction.
-
-    Of a time without a column the signal's clock alone counts.
-    """
+    """A channel's source, its signal (of a time without a column its clock alone), and its direction's."""
 
     source: ChannelSource
     signal: Signal
@@ -126,11 +118,7 @@ class Feed(NamedTuple):
 def feeds_of(
     log: LogFile, channel_map: ChannelMap | None, axis: str | None
 ) -> tuple[dict[str, Feed], str | None]:
-    """The feeds by channel, and the axis.
-
-    Raises InputError: nothing that the map or the contract names is in the file, or the file has several
-    axes.
-    """
+    """The feeds by channel, and the axis. Raises InputError: nothing usable, or several axes."""
     messages = isinstance(log, McapFile)
     if messages and log.truncated and not log.signals:
         raise InputError("cut off before its first message can be read", mend="record or copy it again")
@@ -290,10 +278,8 @@ def _judged(
     recorded = set(columns)
     if demanded:
         columns["pump_speed"] = columns["command"]
-        quality.notes.append(
-            "pump_speed: not measured, the command stands in for it: "
-            "what the drive does not follow looks like a leak"
-        )
+        told = "the command stands in for it: what the drive does not follow looks like a leak"
+        quality.notes.append(f"pump_speed: not measured, {told}")
     if "pump_angle" not in columns:
         stands_for = made["pump_angle"].period if "pump_angle" in made else None
         columns["pump_angle"] = accumulate_speed(time, columns["pump_speed"], stands_for or quality.period)

@@ -121,10 +121,7 @@ class LineParser:
         self._told_malformed = False
 
     def samples(self, lines: list[bytes]) -> Samples:
-        """The block that these lines hold, perhaps empty.
-
-        Raises InputError: the first seconds show that a channel is in another unit of measure.
-        """
+        """The block of these lines, perhaps empty. Raises InputError: another unit of measure by its size."""
         rows = [r for r in self._objects(lines) if self._usable(r)]
         columns = self._map.of_rows(rows)
         time = columns.pop("time", np.full(len(rows), np.nan))

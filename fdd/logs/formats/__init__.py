@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.bounds import FREELY_DECLARED_BYTES, LONGEST_NAME, MAX_SIGNALS, MOST_PACKING, limit, raised
 from fdd.errors import InputError
@@ -30,14 +29,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Signal:
-    """One signal of a log.
+    """One signal of a log; signals of one `clock` have the same rows.
 
-    Attributes
-    ----------
-    name : as a channel map writes it; parts of a path are joined by ``/``, fields of a message by dots.
-    clock : signals of one clock have the same rows.
-    unit : as the file declares it; None where it says nothing.
-    topic, field : of a message; None elsewhere.
+    `name`: as a channel map writes it; parts of a path are joined by ``/``, fields of a message by dots.
+    `unit`: as the file declares it; None where it says nothing. `topic`, `field`: of a message.
     """
 
     name: str
@@ -71,10 +66,7 @@ class LogFile(ABC):
 
     @abstractmethod
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Columns of signals by their whole names, NaN where a value is missing.
-
-        Raises InputError: a value is no number, or the file is damaged.
-        """
+        """Columns of signals by whole names, NaN where there is no value. Raises InputError: text, damaged."""
 
     def stamps(self, clock: str) -> Column | None:
         """(n,) s of a clock's rows; None where the file does not tell: then a column has to be the time."""
@@ -85,10 +77,7 @@ class LogFile(ABC):
         return f"row {row}"
 
     def find(self, name: str) -> Signal:
-        """The signal of this name; the last part of its path is enough where only one ends so.
-
-        Raises InputError: no such signal, or several.
-        """
+        """The signal of this name, or of the only path that ends so. Raises InputError: none, or several."""
         ends = [s for s in self.signals.values() if s.name.endswith(f"/{name}")]
         if name in self.doubled:
             problem, mend = f"column {name!r} stands twice in the header", "rename one"
@@ -155,39 +144,16 @@ def told_with(path: Path) -> Iterator[None]:
         raise InputError(f"cannot be read ({brief})", where=path) from None
 
 
-def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
-    """Seconds since the first of (n,) stamps (NaN of NaT), and that stamp in ns since 1970 (0 without one).
-
-    Examples
-    --------
-    >>> seconds_since(np.array(["1970-01-01T00:00:01.5", "1970-01-01T00:00:02"], "datetime64[ns]"))
-    (array([0. , 0.5]), 1500000000)
-    """
-    counted = stamps.astype("datetime64[ns]", copy=False).view(np.int64)
-    missing = np.isnat(stamps)
-    if missing.all():
-        return np.full(stamps.size, np.nan), 0
-    first = int(counted.min(where=~missing, initial=np.iinfo(np.int64).max))
-    seconds: Column = (counted - first) * np.float64(1e-9)  # subtracted before floats lose the nanoseconds
-    seconds[missing] = np.nan
-    return seconds, first
-
-
 SNIFFED = 1024
 
 
 @dataclass(frozen=True)
 class Format:
-    """One format.
+    """One format: its name for people, and what its files are usually called.
 
-    Attributes
-    ----------
-    name : for people.
-    suffixes : what its files are usually called.
-    sniff : tells it by a file's first `SNIFFED` bytes (fewer of a shorter file).
-    opener : takes a path and gives a `LogFile`; of ours ``module:function``, so that only what is needed is
-        loaded.
-    extra : of fdd, that installs what it needs; None where it is always there.
+    `sniff`: tells it by a file's first `SNIFFED` bytes (fewer of a shorter file). `opener`: takes a path and
+    gives a `LogFile`; of ours ``module:function``, so that only what is needed is loaded. `extra`: of fdd,
+    that installs what it needs; None where it is always there.
     """
 
     name: str
@@ -270,10 +236,7 @@ def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
 
 
 def format_of(path: Path) -> Format:
-    """The format of a file by its first bytes.
-
-    Raises InputError: no file, an empty one, one that is too large, or packed.
-    """
+    """The format of a file by its first bytes. Raises InputError: no, an empty, a too large or a packed file."""
     if path.is_dir():
         raise InputError("is a folder, not a log", where=path, mend="give the files in it")
     if not path.is_file():

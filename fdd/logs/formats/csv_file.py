@@ -19,7 +19,6 @@ from fdd.logs.formats.arrow import doubles
 from fdd.logs.formats.text_layout import (
     MISSING,
     Layout,
-    decoded,
     find_layout,
     head_of,
     is_number,
@@ -45,14 +44,10 @@ class _Bounded(gzip.GzipFile):
 
 @dataclass
 class CsvFile(LogFile):
-    """A CSV file whose layout is known.
+    """A CSV file whose layout and encoding are known; `packed` by gzip.
 
-    Attributes
-    ----------
-    layout, encoding : of the text. packed : by gzip.
-    cells : the columns in the order of the file, each with its first cell; a name that stands twice has its
-        number behind it.
-    dated : name of a joint column to those of its date and clock.
+    `cells`: the columns in the order of the file, each with its first cell; a name that stands twice has its
+    number behind it. `dated`: name of a joint column to those of its date and clock.
     """
 
     layout: Layout = field(kw_only=True)
@@ -173,9 +168,7 @@ def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
     Raises InputError: binary content, no header row, or too many columns.
     """
     layout = layout or CsvLayout()
-    head, packed, whole = head_of(path)
-    text, encoding = decoded(head, path, whole)
-    lines = text.splitlines() if whole else text.splitlines()[:-1]
+    lines, encoding, packed = head_of(path)
     lines = lines[: layout.skip_rows + 400]
     found = find_layout(lines, layout.delimiter, layout.decimal, layout.skip_rows)
     if found is None:

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.bounds import SNIFFED_BYTES
 from fdd.errors import InputError
-from fdd.logs.formats import readable, seconds_since
+from fdd.logs.formats import readable
 from fdd.measures import MEASURES, find_measure
 from fdd.samples import Column
 
@@ -33,22 +34,21 @@ _STAMP = re.compile(rf"(?:{_DAY})?(?P<gap>[T ]|, )?(?:{_CLOCK})?(?P<zone> ?(?:Z|
 DAY_S = 86_400.0
 
 
-def head_of(path: Path) -> tuple[bytes, bool, bool]:
-    """The first bytes, unpacked; whether the file is packed; whether these are all."""
+def head_of(path: Path) -> tuple[list[str], str, bool]:
+    """The first lines, their encoding, and whether the file is packed by gzip. Raises InputError: no text."""
     with path.open("rb") as source:
         head = source.read(SNIFFED_BYTES + 1)
     packed = head.startswith(b"\x1f\x8b")
     if packed:
         with readable("damaged gzip file", path), gzip.open(path, "rb") as unpacked:
             head = unpacked.read(SNIFFED_BYTES + 1)
-    return head[:SNIFFED_BYTES], packed, len(head) <= SNIFFED_BYTES
+    whole = len(head) <= SNIFFED_BYTES
+    text, encoding = _decoded(head[:SNIFFED_BYTES], path, whole)
+    return text.splitlines()[: None if whole else -1], encoding, packed
 
 
-def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
-    """The text and its encoding: UTF-16 by its mark, UTF-8 where it is that, else Windows-1252.
-
-    Raises InputError: no text.
-    """
+def _decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
+    """The text and its encoding: UTF-16 by its mark, UTF-8 where it is that, else Windows-1252."""
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return head.decode("utf-16", errors="replace").lstrip("\ufeff"), "utf-16"
     if b"\0" in head:
@@ -64,10 +64,7 @@ def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where a table's parts stand; a unit is "" where there is none.
-
-    `first_line`: index of the first line of numbers, from 0. `first_row`: its cells.
-    """
+    """Where a table's parts stand; a unit is "" where there is none, `first_line` of the numbers from 0."""
 
     separator: str
     decimal: str
@@ -104,8 +101,7 @@ def find_layout(
 ) -> Layout | None:
     """The layout of a text file by its first lines; None where no row of numbers stands below a row of names.
 
-    `lines`: the first some hundred lines. `separator`, `decimal`: where they are known. `skip`: lines that
-    are no part of the table.
+    `separator`, `decimal`: where they are known. `skip`: lines that are no part of the table.
 
     Examples
     --------
@@ -273,3 +269,21 @@ def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[st
         read = tried if read is None else read.fillna(tried)
     read = read.dt.tz_localize(None) if zone else read
     return *seconds_since(np.asarray(read.to_numpy(), dtype="datetime64[ns]")), notes
+
+
+def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
+    """Seconds since the first of (n,) stamps (NaN of NaT), and that stamp in ns since 1970 (0 without one).
+
+    Examples
+    --------
+    >>> seconds_since(np.array(["1970-01-01T00:00:01.5", "1970-01-01T00:00:02"], "datetime64[ns]"))
+    (array([0. , 0.5]), 1500000000)
+    """
+    counted = stamps.astype("datetime64[ns]", copy=False).view(np.int64)
+    missing = np.isnat(stamps)
+    if missing.all():
+        return np.full(stamps.size, np.nan), 0
+    first = int(counted.min(where=~missing, initial=np.iinfo(np.int64).max))
+    seconds: Column = (counted - first) * np.float64(1e-9)  # subtracted before floats lose the nanoseconds
+    seconds[missing] = np.nan
+    return seconds, first

@@ -17,15 +17,16 @@ from numpy.typing import NDArray
 
 from fdd.bounds import LONGEST_NAME
 from fdd.errors import InputError
-from fdd.logs.formats import LogFile, Signal, require_size, seconds_since
+from fdd.logs.formats import LogFile, Signal, require_size
+from fdd.logs.formats.text_layout import seconds_since
 from fdd.measures import MEASURES, find_measure, measure
 from fdd.samples import Column
 
 _TIMES = {
     "time", "times", "t", "zeit", "temps", "stamp", "stamps", "timestamp", "timestamps", "zeitstempel",
     "zeitpunkt", "uhrzeit", "elapsed", "seconds", "sec", "sekunden", "clock", "datetime", "date", "datum",
-    "tempo", "tiempo", "tid", "tijd", "date time", "log time", "logtime", "horodatage", "heure",
-    "xtime", "master", "epoch", "tick", "ticks",
+    "tempo", "tiempo", "tid", "tijd", "date time", "log time", "logtime", "horodatage", "heure", "xtime",
+    "master", "epoch", "tick", "ticks",
 }  # fmt: skip
 _UNITS = {
     **{u.lower(): u for u in (
@@ -159,11 +160,8 @@ class Group:
 class TreeFile(LogFile):
     """Signals that are loaded one by one.
 
-    Attributes
-    ----------
-    leaves : by the signals' names, and the clocks' columns too.
-    clocks : clock to the name of the leaf of its stamps.
-    periods : clock to (s, rows), where the file gives a rate in place of stamps.
+    `leaves`: by the signals' names, and the clocks' columns too. `clocks`: clock to the name of the leaf of
+    its stamps. `periods`: clock to (s, rows), where the file gives a rate in place of stamps.
     """
 
     leaves: dict[str, Leaf] = field(default_factory=dict)

@@ -28,7 +28,6 @@ __all__ = ["Given", "Proposal", "Question", "Words", "balance_words", "given_of"
 SURE = 0.9
 """Below it a channel that a diagnosis needs is asked for; below `LIKELY` any other is left out."""
 LIKELY = 0.75
-FORM = "CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]"
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _VALUE = re.compile(
     rf"(?P<signal>.*?)(?:\*(?P<scale>-?{_NUMBER})(?P<offset>[+-]{_NUMBER})?)?(?::(?P<unit>[^:]*))?", re.DOTALL
@@ -78,7 +77,7 @@ def given_of(options: Iterable[str]) -> dict[str, Given]:
         channel, equals, value = option.partition("=")
         if not equals or channel not in ("pressure", *CHANNELS):
             near = did_you_mean(channel, ("pressure", *CHANNELS))
-            mend = f"write {FORM}, with one of: {', '.join(CHANNELS)}"
+            mend = f"write CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT], with one of: {', '.join(CHANNELS)}"
             raise InputError(f"--set {option}: no channel {channel!r}{near}", mend=mend)
         parts = _VALUE.fullmatch(value)
         assert parts is not None  # every text matches, as a name at least
@@ -141,10 +140,7 @@ class Proposal:
         return ChannelMap(name=name, axis=axis, channels=channels)
 
     def map_text(self, name: str, axis: str | None, made_of: str) -> str:
-        """The map as YAML, a line a channel with what spoke for it behind.
-
-        Raises InputError: it lacks what a diagnosis needs.
-        """
+        """The map as YAML, with what spoke for each channel. Raises InputError: as `channel_map`."""
         self.channel_map(name, axis)
         head = {"schema": "fdd.map/1", "name": name, **({} if axis is None else {"axis": axis})}
         lines = [f"# Channel map proposed by fdd map from {made_of}.", *(f"# {n}." for n in self.notes)]

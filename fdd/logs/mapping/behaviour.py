@@ -36,11 +36,9 @@ FOLLOWS, MORE = 0.8, 0.3
 
 @dataclass
 class Signals:
-    """Signals on one time base; methods take a signal's name, or a column (n,) itself.
+    """Signals at `time`, (n,) s; `columns`: name to (n,) raw values, NaN where one is missing.
 
-    Attributes
-    ----------
-    time : (n,) s. columns : name to (n,) raw values; NaN where one is missing.
+    Methods take a signal's name, or a column (n,) itself.
     """
 
     time: Column

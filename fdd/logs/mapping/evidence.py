@@ -38,11 +38,10 @@ RESTS = 0.6
 
 @dataclass
 class Clues:
-    """What is known of a log's signals.
+    """What is known of a log's signals, without those of clocks.
 
     Attributes
     ----------
-    signals : by name, without those of clocks.
     data : on one time base.
     scores : signal to channel to nats.
     units : signal to the unit that the file or its name gives.
