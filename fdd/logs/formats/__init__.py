@@ -66,7 +66,7 @@ class LogFile(ABC):
 
     @abstractmethod
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        """Columns of signals by whole names, NaN where there is no value. Raises InputError: text, damaged."""
+        """Columns of signals by whole names, NaN where there is no value. Raises InputError: text, damage."""
 
     def stamps(self, clock: str) -> Column | None:
         """(n,) s of a clock's rows; None where the file does not tell: then a column has to be the time."""
@@ -236,7 +236,7 @@ def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
 
 
 def format_of(path: Path) -> Format:
-    """The format of a file by its first bytes. Raises InputError: no, an empty, a too large or a packed file."""
+    """The format of a file by its first bytes. Raises InputError: it is absent, empty, too large, packed."""
     if path.is_dir():
         raise InputError("is a folder, not a log", where=path, mend="give the files in it")
     if not path.is_file():

@@ -331,7 +331,7 @@ def open_mcap(path: Path) -> McapFile:
 def _offered(
     fields: Mapping[FieldPath, str | None],
 ) -> Iterator[tuple[str, tuple[FieldPath, ...], str | None]]:
-    """Fields, and stamps of two of them: as a map writes them, the paths of their numbers, and their units."""
+    """Fields, and stamps of two of them: as a map writes them, the paths of their numbers, their units."""
     for path, unit in fields.items():
         yield written(path), (path,), unit
         *above, last = path
