@@ -196,19 +196,16 @@ class LineParser:
         notes = [f"{text}: {count}" for text, count in odd.items() if count]
         if self._unknown:
             notes.append(f"passed over, no channels: {', '.join(k[:40] for k in self._unknown)}")
-        gaps = self._gaps
-        return Quality(
-            dropped_samples=gaps.dropped, nan_samples=self._nan, time_jumps=gaps.jumps, notes=notes
-        )
+        dropped, jumps = self._gaps.dropped, self._gaps.jumps
+        return Quality(dropped_samples=dropped, nan_samples=self._nan, time_jumps=jumps, notes=notes)
 
     def remarks(self) -> list[str]:
         """Notes that are new since the last call."""
         if self.malformed and not self._told_malformed:
             self._told_malformed = True
-            self._remarks.append(
-                "a line is malformed and was left out; further ones are counted "
-                '(one JSON object a line is wanted, as in {"time": 0.001, "position": 0.01}, or a block)'
-            )
+            wanted = 'one JSON object a line is wanted, as in {"time": 0.001, "position": 0.01}, or a block'
+            told = "a line is malformed and was left out; further ones are counted"
+            self._remarks.append(f"{told} ({wanted})")
         out, self._remarks = self._remarks + self.clock.remarks(), []
         return out
 

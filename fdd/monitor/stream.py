@@ -179,12 +179,9 @@ class StreamClock:
 class Gaps:
     """Count missing rows and jumps of a stream, however it is cut; the first steps tell the period.
 
-    Attributes
-    ----------
-    dropped, jumps : rows missing on the grid of the period; gaps of more than `JUMP_PERIODS` periods.
-    period : s; NaN until `PERIOD_STEPS` steps have told it.
-    rest : periods that rounding left over; see `grid_steps`.
-    waiting : s, the last rows' times: what the next ones are counted from.
+    `dropped`, `jumps`: rows missing on the grid of the period; gaps of more than `JUMP_PERIODS` periods.
+    `period`: s; NaN until `PERIOD_STEPS` steps have told it. `rest`: periods that rounding left over; see
+    `grid_steps`. `waiting`: s, the last rows' times: what the next ones are counted from.
 
     Examples
     --------

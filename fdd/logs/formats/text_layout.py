@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import SNIFFED_BYTES
 from fdd.errors import InputError
+from fdd.logs.channel_map import CsvLayout
 from fdd.logs.formats import readable
 from fdd.measures import MEASURES, find_measure
 from fdd.samples import Column
@@ -34,8 +35,11 @@ _STAMP = re.compile(rf"(?:{_DAY})?(?P<gap>[T ]|, )?(?:{_CLOCK})?(?P<zone> ?(?:Z|
 DAY_S = 86_400.0
 
 
-def head_of(path: Path) -> tuple[list[str], str, bool]:
-    """The first lines, their encoding, and whether the file is packed by gzip. Raises InputError: no text."""
+def layout_of(path: Path, given: CsvLayout) -> tuple[Layout, str, bool]:
+    """A file's layout as far as it is not given, its encoding, and whether it is packed by gzip.
+
+    Raises InputError: no text, or no rows of numbers below a header.
+    """
     with path.open("rb") as source:
         head = source.read(SNIFFED_BYTES + 1)
     packed = head.startswith(b"\x1f\x8b")
@@ -44,7 +48,11 @@ def head_of(path: Path) -> tuple[list[str], str, bool]:
             head = unpacked.read(SNIFFED_BYTES + 1)
     whole = len(head) <= SNIFFED_BYTES
     text, encoding = _decoded(head[:SNIFFED_BYTES], path, whole)
-    return text.splitlines()[: None if whole else -1], encoding, packed
+    lines = text.splitlines()[: None if whole else -1][: given.skip_rows + 400]
+    found = find_layout(lines, given.delimiter, given.decimal, given.skip_rows)
+    if found is None:
+        raise _no_table(lines, given, path)
+    return found, encoding, packed
 
 
 def _decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
@@ -60,6 +68,18 @@ def _decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
     with suppress(UnicodeDecodeError):
         return head.decode("cp1252"), "cp1252"
     return head.decode("latin-1"), "latin-1"
+
+
+def _no_table(lines: list[str], layout: CsvLayout, path: Path) -> InputError:
+    for at, line in enumerate(lines[layout.skip_rows :], layout.skip_rows + 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if all(is_number(c) for c in line.split(layout.delimiter or ";" if ";" in line else ",")):
+            problem = f"line {at}: no header row, it starts with numbers ({line[:40].strip()})"
+            return InputError(problem, where=path, mend="put the column names into the first line")
+        problem = "no rows of numbers below a header"
+        return InputError(problem, where=path, mend="give a table with names in one row")
+    return InputError("no header row", where=path, mend="the first row must name the columns")
 
 
 @dataclass(frozen=True)
