@@ -15,8 +15,8 @@ from fdd.files import require_writable, write_text
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from fdd.logs.inspection import SignalView
     from fdd.logs.mapping import Proposal, Question
+    from fdd.logs.rates import SignalView
 
 WIDE = 120
 """Columns of a terminal that has room for all figures."""
@@ -25,9 +25,8 @@ WIDE = 120
 def inspect(log: Annotated[Path, argument("A log of any format.", "LOG")]) -> None:
     """Show what a log holds: signals, units, rates, ranges, gaps, and a small picture of each."""
     from fdd.cli.console import output, progress
-    from fdd.logs.formats import open_log
-    from fdd.logs.formats.registry import format_of
-    from fdd.logs.inspection import inspect as inspected
+    from fdd.logs.formats import format_of, open_log
+    from fdd.logs.rates import inspect as inspected
 
     with progress(f"reading {log.name}"):
         opened = open_log(log)
@@ -49,8 +48,8 @@ def _inspection_table(views: list[SignalView], *, wide: bool) -> Table:
     from rich.text import Text
 
     from fdd.cli.console import grid
-    from fdd.logs.inspection import picture
-    from fdd.logs.names import path_parts
+    from fdd.logs.formats.trees import path_parts
+    from fdd.logs.rates import picture
 
     def number(value: float, digits: int = 4) -> str:
         return "" if math.isnan(value) else f"{value:.{digits}g}"
@@ -100,8 +99,7 @@ def map(
     from fdd.cli.console import output, progress, remark
     from fdd.logs import ChannelMap, read_log
     from fdd.logs.formats import open_log
-    from fdd.logs.mapping import Words, given_of, propose
-    from fdd.logs.mapping.proposal import balance_words
+    from fdd.logs.mapping import Words, balance_words, given_of, propose
 
     require_writable(out)
     known = given_of(given or [])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.logs.conversion import accumulate_speed
+from fdd.logs.channel_map import accumulate_speed
 from fdd.logs.quality import sample_numbers
 from fdd.residuals.oil import chambers_from_difference
 from fdd.samples import PRESSURES, Samples, missing_required

@@ -1,4 +1,4 @@
-"""Channel maps: where each channel of the contract stands in a foreign log, and in which unit.
+"""Channel maps: where each channel of the contract stands in a foreign log, and how it is converted to SI.
 
 A map is a YAML file (docs/logs.md)::
 
@@ -18,16 +18,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fdd.bounds import MAX_MAP_BYTES
 from fdd.errors import InputError, did_you_mean, input_error
+from fdd.logs.quality import sample_numbers
 from fdd.measures import Measure, measure
-from fdd.samples import CHANNELS
+from fdd.samples import CHANNELS, Column
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 _MADE = {("pump_angle", "pump_speed"), ("pump_speed", "command")}
 _HEAD = {"schema", "name", "axis", "csv", "channels", "description"}
+LONGEST_BRIDGE = 1.0
+"""s; over a longer gap nobody knows how far the pump turned, and nothing is added."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -81,10 +85,7 @@ class ChannelSource(BaseModel):
         return self
 
     def measure_of(self, channel: str) -> Measure:
-        """The unit of measure, checked against the channel's dimension.
-
-        Raises InputError: names the channel and the units of measure that it may have.
-        """
+        """The unit of measure. Raises InputError: not of the channel's dimension; names those that are."""
         wanted = CHANNELS[channel]
         try:
             return measure(self.unit if self.unit is not None else wanted.unit, wanted.dimension)
@@ -189,3 +190,69 @@ def _gathered(data: dict[str, Any]) -> dict[str, Any]:
         if isinstance(data[key], dict) and all(isinstance(v, dict) for v in data[key].values()):
             raise InputError(f"unknown key {key!r}{did_you_mean(key, _HEAD)}")
     return {k: data[k] for k in data if k in _HEAD} | {"channels": {k: data[k] for k in others}}
+
+
+def to_si(channel: str, source: ChannelSource, raw: Column, direction: Column | None = None) -> Column:
+    """One channel in its SI unit, (n,): unwrap, give direction, scale, convert.
+
+    `source`: the map's entry. `raw`, `direction`: (n,) numbers as they stand in the log, and those of the
+    column named by ``sign_of``.
+    """
+    unit = source.measure_of(channel)
+    values = raw if source.wrap is None else unwrap_counts(raw, source.wrap)
+    if direction is not None:
+        values = directed(values, direction, accumulate=unit.dimension == "angle")
+    for factor, offset in ((source.scale * source.sign, source.offset), (unit.factor, unit.offset)):
+        if (factor, offset) != (1.0, 0.0):
+            values = factor * values + offset
+    return np.asarray(values, dtype=np.float64)
+
+
+def unwrap_counts(raw: Column, wrap: float) -> Column:
+    """An angle that starts again at 0 each `wrap` counts, made continuous; NaN stays and is passed over."""
+    out, there = raw.copy(), np.isfinite(raw)
+    out[there] = np.unwrap(raw[there], period=wrap)
+    return out
+
+
+def directed(raw: Column, direction: Column, *, accumulate: bool) -> Column:
+    """Give a quantity, (n,), NaN where missing, the sign of another one, e.g. of a directional valve.
+
+    `direction`: (n,) only its sign counts; NaN keeps the last sign. Before the first one a value is missing,
+    and an angle stands. `accumulate`: for an angle, of which each step takes the sign of the row it ends in.
+    """
+    known = np.where(np.isfinite(direction), np.arange(direction.size), -1)
+    last = np.maximum.accumulate(known) if known.size else known
+    sign = np.where(last >= 0, np.sign(direction[last]), 0.0 if accumulate else np.nan)
+    if not accumulate:
+        return np.asarray(raw * sign)
+    out = raw.copy()
+    there = np.flatnonzero(np.isfinite(raw))
+    if there.size:
+        steps = np.diff(raw[there]) * sign[there[1:]]
+        out[there] = np.concatenate(([raw[there[0]]], raw[there[0]] + np.cumsum(steps)))
+    return out
+
+
+def accumulate_speed(time: Column, speed: Column, period: float) -> Column:
+    """Angle from speed samples, each of which stands for one nominal period.
+
+    Where the speed is a count difference over the nominal period, this gives the counts back exactly.
+    Missing rows and NaN are bridged by the mean of their neighbours times the periods missed, up to
+    `LONGEST_BRIDGE`.
+
+    `time`: (n,) s, increasing. `speed`: (n,) rad/s, NaN where missing. `period`: s.
+
+    Returns (n,) rad, 0 at the first row that has a speed; NaN where the speed is NaN.
+    """
+    angle = np.full(time.size, np.nan)
+    there = np.flatnonzero(np.isfinite(speed))
+    if there.size == 0:
+        return angle
+    missed = np.diff(sample_numbers(time, period)[there]) - 1
+    present = speed[there]
+    missed[missed * period > LONGEST_BRIDGE] = 0
+    turned = period * (present[1:] + missed * 0.5 * (present[1:] + present[:-1]))
+    del missed, present
+    angle[there] = np.concatenate(([0.0], np.cumsum(turned, out=turned)))
+    return angle

@@ -41,13 +41,9 @@ _WARNING, _ERROR = 3, 4
 
 @dataclass(frozen=True)
 class RunBlock:
-    """A stretch of one axis's run.
+    """A stretch of one axis's run: what was measured, perhaps no rows, and the axis; None for the only one.
 
-    Attributes
-    ----------
-    samples : what was measured; may be empty, with its channels.
-    truth : true quantities by name, ``time`` (m,) s and columns (m,); without a ``time`` on the samples' own.
-    axis : name of the axis in the topics; None for the file's only one.
+    `truth`: true quantities by name, ``time`` (m,) s and columns (m,); without a ``time`` on the samples'.
     """
 
     samples: Samples
@@ -70,15 +66,10 @@ def require_axis(axis: str) -> None:
 
 
 def write_blocks(
-    path: str | Path,
-    blocks: Iterable[RunBlock],
-    *,
-    axes: Sequence[str],
-    units: Mapping[str, str] | None = None,
-    scenario_json: str | None = None,
-    labels: Mapping[str, Any] | None = None,
-    start_ns: int = 0,
-) -> None:
+    path: str | Path, blocks: Iterable[RunBlock], *, axes: Sequence[str],
+    units: Mapping[str, str] | None = None, scenario_json: str | None = None,
+    labels: Mapping[str, Any] | None = None, start_ns: int = 0,
+) -> None:  # fmt: skip
     """Write a run, whole or not at all; the messages do not depend on how the rows are cut into blocks.
 
     Parameters
@@ -112,38 +103,23 @@ def write_blocks(
 
 
 def write_run(
-    path: str | Path,
-    samples: Samples,
-    *,
-    axis: str,
-    truth: Mapping[str, ArrayLike] | None = None,
-    unit_yaml: str | None = None,
-    **about: Any,
-) -> None:
+    path: str | Path, samples: Samples, *, axis: str, truth: Mapping[str, ArrayLike] | None = None,
+    unit_yaml: str | None = None, **about: Any,
+) -> None:  # fmt: skip
     """Write a run of one axis that is there as a whole; `about` as for `write_blocks`."""
     units = None if unit_yaml is None else {axis: unit_yaml}
     write_blocks(path, [RunBlock(samples, truth)], axes=[axis], units=units, **about)
 
 
 def write_annotated(
-    path: str | Path,
-    samples: Samples,
-    trajectories: Mapping[str, Any],
-    diagnosis_json: str,
-    *,
-    axis: str,
-    unit_yaml: str | None = None,
-    start_ns: int = 0,
-) -> None:
-    """Write a log with its diagnosis: estimates, windows, events and the answer.
+    path: str | Path, samples: Samples, trajectories: Mapping[str, Any], diagnosis_json: str, *, axis: str,
+    unit_yaml: str | None = None, start_ns: int = 0,
+) -> None:  # fmt: skip
+    """Write a log, as its measurement, with its diagnosis: estimates, windows, events and the answer.
 
-    Parameters
-    ----------
-    samples : the log, written as its measurement.
-    trajectories : `vars()` of a diagnosis's `Trajectories`; what is absent is left out.
-    diagnosis_json : the whole answer: the metadata record ``diagnosis`` (key json), and a message at onset
-        and detection of each of its faults.
-    start_ns : ns; log time of t = 0.
+    `trajectories`: `vars()` of a diagnosis's `Trajectories`; what is absent is left out. `diagnosis_json`:
+    the whole answer: the metadata record ``diagnosis`` (key json), and a message at onset and detection of
+    each of its faults. `start_ns`: ns; log time of t = 0.
     """
     require_axis(axis)
     metadata = {} if unit_yaml is None else {"unit": {"yaml": unit_yaml}}
@@ -158,20 +134,19 @@ def write_annotated(
         if faults := json.loads(diagnosis_json).get("faults"):
             schema = out.register_schema("foxglove.Log", "jsonschema", json.dumps(LOG_SCHEMA).encode())
             channel = out.register_channel(f"{root}/events", "json", schema)
-            events = []
             for fault in faults:
                 names = " or ".join(fault.get("ambiguity") or [fault["fault"]])
                 sure = f"confidence {fault['confidence']:.2f}"
                 said = "; ".join([sure, *fault.get("evidence", [])])
-                events.append((fault["onset_s"], _WARNING, f"{names} begins ({sure})"))
-                events.append((fault["detected_s"], _ERROR, f"{names} detected ({said})"))
-            for time, level, text in events:
-                stamp = int(out.log_times([time])[0])
-                message = {
-                    "timestamp": {"sec": stamp // 10**9, "nsec": stamp % 10**9}, "level": level,
-                    "message": text, "name": axis, "file": "", "line": 0,
-                }  # fmt: skip
-                out.add_message(channel, stamp, json.dumps(message, ensure_ascii=False).encode(), stamp)
+                begins = fault["onset_s"], _WARNING, f"{names} begins ({sure})"
+                detected = fault["detected_s"], _ERROR, f"{names} detected ({said})"
+                for time, level, text in (begins, detected):
+                    stamp = int(out.log_times([time])[0])
+                    message = {
+                        "timestamp": {"sec": stamp // 10**9, "nsec": stamp % 10**9}, "level": level,
+                        "message": text, "name": axis, "file": "", "line": 0,
+                    }  # fmt: skip
+                    out.add_message(channel, stamp, json.dumps(message, ensure_ascii=False).encode(), stamp)
         out.add_columns({name: columns for name, columns in topics.items() if np.size(columns["time"])})
 
 

@@ -72,10 +72,8 @@ def increasing_time(
     cuts = np.flatnonzero(np.diff(time) > STOPPED_S) + 1
     if cuts.size:
         longest = max(np.split(np.arange(time.size), cuts), key=len)
-        notes.append(
-            f"the log stands still for more than {STOPPED_S / 3600:g} h: "
-            f"{time.size - longest.size} rows before or after its longest part were left out"
-        )
+        others = f"{time.size - longest.size} rows before or after its longest part were left out"
+        notes.append(f"the log stands still for more than {STOPPED_S / 3600:g} h: {others}")
         rows, time = rows[longest], time[longest]
     return time, rows, notes
 
@@ -127,13 +125,9 @@ def sample_numbers(time: Column, period: float) -> NDArray[np.int64]:
 class DataQuality:
     """What was missing or odd.
 
-    Attributes
-    ----------
-    dropped_samples : rows missing on the grid of the nominal period.
-    nan_samples : rows in which at least one channel has no value.
-    time_jumps : gaps of more than `JUMP_PERIODS` periods.
-    notes : one line each, for people.
-    period : s, nominal sampling period.
+    `dropped_samples`: rows missing on the grid of the nominal period. `nan_samples`: rows in which at least
+    one channel has no value. `time_jumps`: gaps of more than `JUMP_PERIODS` periods. `notes`: one line each,
+    for people. `period`: s, nominal sampling period.
     """
 
     dropped_samples: int = 0
@@ -144,10 +138,7 @@ class DataQuality:
 
 
 def check_time(time: Column, shortest: float) -> DataQuality:
-    """Count missing rows, late stamps and time jumps.
-
-    Raises InputError: fewer than `shortest` seconds of data.
-    """
+    """Count missing rows, late stamps and time jumps. Raises InputError: less than `shortest` s of data."""
     period = nominal_period(time)
     seconds = 0.0 if time.size < 2 else min(float(time[-1] - time[0]) + period, time.size * period)
     if seconds < shortest:

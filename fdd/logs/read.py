@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from fdd.errors import InputError
-from fdd.logs.channel_map import ChannelMap, ChannelSource
-from fdd.logs.conversion import Feed, accumulate_speed, feeds_of, to_si
-from fdd.logs.formats import LogFile, open_log
-from fdd.logs.formats.mcap import McapFile
-from fdd.logs.formats.signals import Signal, told_with
+from fdd.errors import InputError, listed
+from fdd.logs.channel_map import ChannelMap, ChannelSource, accumulate_speed, to_si
+from fdd.logs.formats import LogFile, Signal, open_log, told_with
+from fdd.logs.formats.mcap import AXIS_TOPIC, McapFile
 from fdd.logs.quality import (
     DataQuality,
     check_magnitudes,
@@ -23,7 +22,8 @@ from fdd.logs.quality import (
     nominal_period,
 )
 from fdd.logs.rates import aligned, between, on_common_rows, own_measurements, own_period
-from fdd.samples import Column, Samples, missing_required
+from fdd.measures import find_measure
+from fdd.samples import CHANNELS, Column, Samples, missing_required
 
 TIME_OF_DAY_S = 3600.0
 """A log that starts later than this, and than ten times its length, carries the time of day or of a long
@@ -37,16 +37,11 @@ _HOLDS = ("command", "position_setpoint")
 
 @dataclass
 class Log:
-    """A log in the house's currency.
+    """A log in the house's currency: its file's name, channels in SI, and what was missing or odd.
 
-    Attributes
-    ----------
-    samples : channels in SI.
-    quality : what was missing or odd.
-    name : file name.
-    axis : of the topic, the map, or the caller; None where nothing tells.
-    metadata : record name to key-value pairs (MCAP); of our runs ``["unit"]["yaml"]`` among them.
-    start_ns : ns since 1970, of t = 0; 0 where the file has no date.
+    `axis`: of the topic, the map, or the caller; None where nothing tells. `metadata`: record name to
+    key-value pairs (MCAP); of our runs ``["unit"]["yaml"]`` among them. `start_ns`: ns since 1970, of t = 0;
+    0 where the file has no date.
     """
 
     samples: Samples
@@ -109,6 +104,91 @@ def read_log(
         if chosen is not None and "yaml" not in profiles and chosen in profiles:  # of a run of several axes
             metadata = {**metadata, "unit": {**profiles, "yaml": profiles[chosen]}}
         return Log(samples, quality, path.name, chosen, metadata, start_ns)
+
+
+class Feed(NamedTuple):
+    """A channel's source, its signal (of a time without a column its clock alone), and its direction's."""
+
+    source: ChannelSource
+    signal: Signal
+    direction: Signal | None = None
+
+
+def feeds_of(
+    log: LogFile, channel_map: ChannelMap | None, axis: str | None
+) -> tuple[dict[str, Feed], str | None]:
+    """The feeds by channel, and the axis. Raises InputError: nothing usable, or several axes."""
+    messages = isinstance(log, McapFile)
+    if messages and log.truncated and not log.signals:
+        raise InputError("cut off before its first message can be read", mend="record or copy it again")
+    if channel_map is None:
+        return _measurement(log, axis) if isinstance(log, McapFile) else (_named(log), axis)
+    if messages and not channel_map.reads_mcap:
+        raise InputError("the map names columns, but this is an MCAP file", mend="map topics")
+    if not messages and channel_map.reads_mcap:
+        raise InputError("the map names topics, but this is a table", mend="map columns")
+
+    def found(source: ChannelSource, name: str | None) -> Signal:
+        return log.field(str(source.topic), name) if isinstance(log, McapFile) else log.find(str(name))
+
+    feeds = {}
+    for channel, source in channel_map.channels.items():
+        if source.from_ is None:
+            signal = found(source, source.field if messages else source.column)
+            direction = found(source, source.sign_of) if source.sign_of else None
+            feeds[channel] = Feed(_with_unit(channel, source, signal), signal, direction)
+    return feeds, axis or channel_map.axis
+
+
+def _with_unit(channel: str, source: ChannelSource, signal: Signal) -> ChannelSource:
+    """The source with the file's own unit where the map gives none."""
+    given = source.unit is not None or (source.scale, source.offset) != (1.0, 0.0)
+    if given or not signal.unit or find_measure(signal.unit, CHANNELS[channel].dimension) is None:
+        return source
+    return source.model_copy(update={"unit": signal.unit})
+
+
+def _unusable(problem: str, there: str) -> InputError:
+    mend = f"make a map with fdd map and give it with --map{there}"
+    return InputError(f"no usable channels{problem}", mend=mend)
+
+
+def _named(log: LogFile) -> dict[str, Feed]:
+    """Signals that are called as the contract's channels."""
+    found: dict[str, Signal] = {}
+    for channel in CHANNELS:
+        ends = sum(name.rsplit("/", 1)[-1] == channel for name in log.signals)
+        if channel in log.doubled or channel in log.signals or ends == 1:
+            found[channel] = log.find(channel)
+    fed = next((signal for channel, signal in found.items() if channel != "time"), None)
+    if fed is None:
+        raise _unusable("", f"; its columns are: {listed(log.signals)}")
+    if "time" not in found and log.stamps(fed.clock) is None:
+        raise InputError("no column 'time'", mend="say with --map which column is the time")
+    return {c: Feed(_with_unit(c, ChannelSource(column=s.name), s), s) for c, s in found.items()}
+
+
+def _measurement(log: McapFile, axis: str | None) -> tuple[dict[str, Feed], str]:
+    """The contract's topic of one axis."""
+    axes = [found["axis"] for t in log.topics if (found := AXIS_TOPIC.match(t))]
+    if not axes:
+        there = f"it has: {listed(log.topics)}" if log.topics else "it has no topics"
+        raise _unusable(": no topic /eha/<axis>/measurement", f" ({there})")
+    if axis is not None and axis not in axes:
+        raise InputError(f"no axis {axis!r}", mend=f"the file has: {listed(axes)}")
+    if axis is None and len(axes) > 1:
+        raise InputError(f"{len(axes)} axes: {listed(axes)}", mend="choose one with --axis")
+    chosen = axis or axes[0]
+    topic = f"/eha/{chosen}/measurement"
+    if topic in log.reasons:
+        log.field(topic, "position")
+    fields = {str(s.field): s for s in log.signals.values() if s.topic == topic}
+    if not fields:
+        raise InputError("no message could be read", mend="the file may be cut off: record or copy it again")
+    feeds = {c: Feed(ChannelSource(topic=topic, field=c), fields[c]) for c in CHANNELS if c in fields}
+    if not set(feeds) - {"time"}:
+        raise _unusable("", f"; its fields are: {listed(fields)}")
+    return feeds, chosen
 
 
 def _on_one_time_base(file: LogFile, feeds: dict[str, Feed]) -> tuple[Column, dict[str, Column], bool]:
@@ -197,10 +277,8 @@ def _judged(
     recorded = set(columns)
     if demanded:
         columns["pump_speed"] = columns["command"]
-        quality.notes.append(
-            "pump_speed: not measured, the command stands in for it: "
-            "what the drive does not follow looks like a leak"
-        )
+        told = "the command stands in for it: what the drive does not follow looks like a leak"
+        quality.notes.append(f"pump_speed: not measured, {told}")
     if "pump_angle" not in columns:
         stands_for = made["pump_angle"].period if "pump_angle" in made else None
         columns["pump_angle"] = accumulate_speed(time, columns["pump_speed"], stands_for or quality.period)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from fdd.bounds import MAX_BLOCK_BYTES, MOST_BLOCK_COLUMNS, MOST_BLOCK_ROWS, MOST_SEQUENCE
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
-from fdd.monitor.lines import StreamMap
+from fdd.monitor.stream import StreamMap
 from fdd.samples import Samples
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import MOST_HELD_BLOCKS
 from fdd.errors import InputError
-from fdd.monitor.stream_clock import CLOCK_AHEAD_S, CLOCK_BACK_S, Gaps, StreamClock
+from fdd.monitor.stream import CLOCK_AHEAD_S, CLOCK_BACK_S, Gaps, StreamClock
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 

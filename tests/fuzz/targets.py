@@ -17,9 +17,9 @@ from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats import LogFile, open_log
-from fdd.logs.mapping.concepts import Words
-from fdd.logs.mapping.proposal import propose
-from fdd.monitor.lines import LineParser, split_lines
+from fdd.logs.mapping import Words, propose
+from fdd.monitor import LineParser
+from fdd.monitor.stream import split_lines
 from fdd.unit import Unit
 from tests.fuzz.mutations import (
     bytes_changed,

@@ -10,8 +10,8 @@ import pytest
 from made_up_logs import refused_log
 
 from fdd.errors import InputError
-from fdd.logs import read_log
-from fdd.logs.formats import Format, LogFile, Signal, open_log, registry, suffixes
+from fdd.logs import formats, read_log
+from fdd.logs.formats import Format, LogFile, Signal, open_log, suffixes
 from fdd.packages import LOG_FORMATS, Addition
 
 ROWS = 4000
@@ -42,11 +42,11 @@ def add(monkeypatch) -> Iterator[Callable[..., None]]:
     def given(opener: Any, sniff: Any = lambda head: head.startswith(b"OWN"), name: str = "own") -> None:
         entry = opener if isinstance(opener, str) else Format("own", (".own", ".txt"), sniff, opener)
         point = SimpleNamespace(load=lambda: entry, group=LOG_FORMATS, value="made_up:FORMAT")
-        monkeypatch.setattr(registry, "additions", lambda group: [Addition(name, "made-up 1.0", point)])
-        registry._formats.cache_clear()
+        monkeypatch.setattr(formats, "additions", lambda group: [Addition(name, "made-up 1.0", point)])
+        formats._formats.cache_clear()
 
     yield given
-    registry._formats.cache_clear()
+    formats._formats.cache_clear()
 
 
 @pytest.fixture
@@ -87,7 +87,7 @@ def test_ours_come_first_and_text_last_and_its_suffix_alone_makes_no_text_its_ow
     with pytest.raises(InputError, match="Parquet"):
         open_log(tmp_path / "a.parquet")
     (tmp_path / "a.csv").write_text(TEXT, "utf-8")
-    assert isinstance(open_log(tmp_path / "a.csv"), registry.CheckedLog)
+    assert isinstance(open_log(tmp_path / "a.csv"), formats.CheckedLog)
     add(Own)
     (tmp_path / "a.txt").write_text(TEXT, "utf-8")
     assert set(open_log(tmp_path / "a.txt").signals) == {"time", "position"}

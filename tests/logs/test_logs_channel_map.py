@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from made_up_logs import frame, refused, strokes
 
 from fdd.logs import ChannelMap, read_log
-from fdd.logs.conversion import accumulate_speed, directed, unwrap_counts
+from fdd.logs.channel_map import accumulate_speed, directed, unwrap_counts
 from fdd.logs.quality import sample_numbers
 
 LONG = """

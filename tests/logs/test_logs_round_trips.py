@@ -239,7 +239,7 @@ import sys
 from pathlib import Path
 from fdd.logs import read_log
 from fdd.logs.formats import open_log
-from fdd.logs.inspection import inspect
+from fdd.logs.rates import inspect
 
 def status(key):
     return int(Path("/proc/self/status").read_text().split(key + ":")[1].split()[0]) * 1024

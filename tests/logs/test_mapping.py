@@ -15,8 +15,7 @@ from fdd import Scenario, Unit, simulate
 from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.logs.channel_map import ChannelMap
-from fdd.logs.formats import open_log
-from fdd.logs.formats.signals import Signal
+from fdd.logs.formats import Signal, open_log
 from fdd.logs.mapping import Words, given_of, propose
 from fdd.logs.mapping.behaviour import counts_a_turn
 from fdd.logs.mapping.concepts import name_scores

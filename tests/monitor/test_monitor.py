@@ -15,8 +15,7 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.monitor import Event, Found, JsonLines, LineParser, Noted, Replay, Status, WallClock, watch
-from fdd.monitor.lines import split_lines
-from fdd.monitor.stream_clock import CLOCK_GAP_S
+from fdd.monitor.stream import CLOCK_GAP_S, split_lines
 from fdd.plant.load import SpringLoad
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate

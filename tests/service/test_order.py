@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fdd.errors import InputError
 from fdd.logs.quality import check_time
-from fdd.monitor.stream_clock import Gaps
+from fdd.monitor.stream import Gaps
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.order import Order

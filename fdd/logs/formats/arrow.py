@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.logs.formats.signals import LogFile, Signal, readable, require_size, seconds_since, unit_among
+from fdd.logs.formats import LogFile, Signal, readable, require_size, unit_among
+from fdd.logs.formats.text_layout import seconds_since
 from fdd.samples import Column
 
 BATCH_ROWS = 1 << 16
@@ -111,10 +112,7 @@ def open_parquet(path: Path) -> ArrowFile:
 
 
 def open_feather(path: Path) -> ArrowFile:
-    """Read the schema of a Feather (version 2, Arrow IPC) file.
-
-    Raises InputError: damaged, no rows, or far too many.
-    """
+    """Read the schema of a Feather 2 (Arrow IPC) file. Raises InputError: damaged, no rows, far too many."""
     import pyarrow as pa
 
     with (

@@ -14,18 +14,9 @@ import numpy as np
 from fdd.bounds import limit, raised
 from fdd.errors import InputError
 from fdd.logs.channel_map import CsvLayout
+from fdd.logs.formats import LogFile, Signal, readable, require_size
 from fdd.logs.formats.arrow import doubles
-from fdd.logs.formats.signals import LogFile, Signal, readable, require_size
-from fdd.logs.formats.text_layout import (
-    MISSING,
-    Layout,
-    decoded,
-    find_layout,
-    head_of,
-    is_number,
-    stamp_kind,
-    stamps_to_seconds,
-)
+from fdd.logs.formats.text_layout import MISSING, Layout, layout_of, stamp_kind, stamps_to_seconds
 from fdd.samples import Column
 
 _MARKS = ",.' \u00a0\u202f"
@@ -45,14 +36,10 @@ class _Bounded(gzip.GzipFile):
 
 @dataclass
 class CsvFile(LogFile):
-    """A CSV file whose layout is known.
+    """A CSV file whose layout and encoding are known; `packed` by gzip.
 
-    Attributes
-    ----------
-    layout, encoding : of the text. packed : by gzip.
-    cells : the columns in the order of the file, each with its first cell; a name that stands twice has its
-        number behind it.
-    dated : name of a joint column to those of its date and clock.
+    `cells`: the columns in the order of the file, each with its first cell; a name that stands twice has its
+    number behind it. `dated`: name of a joint column to those of its date and clock.
     """
 
     layout: Layout = field(kw_only=True)
@@ -172,14 +159,7 @@ def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
 
     Raises InputError: binary content, no header row, or too many columns.
     """
-    layout = layout or CsvLayout()
-    head, packed, whole = head_of(path)
-    text, encoding = decoded(head, path, whole)
-    lines = text.splitlines() if whole else text.splitlines()[:-1]
-    lines = lines[: layout.skip_rows + 400]
-    found = find_layout(lines, layout.delimiter, layout.decimal, layout.skip_rows)
-    if found is None:
-        raise _no_table(lines, layout, path)
+    found, encoding, packed = layout_of(path, layout or CsvLayout())
     names = [n or f"column {k + 1}" for k, n in enumerate(found.names)]
     if names and not found.names[-1] and not found.first_row[-1]:
         names[-1] = ""  # a separator after the last cell of each row
@@ -196,15 +176,3 @@ def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
         log.dated[name] = (days[0], clocks[0])
         log.signals = {name: Signal(name), **log.signals}
     return log
-
-
-def _no_table(lines: list[str], layout: CsvLayout, path: Path) -> InputError:
-    for at, line in enumerate(lines[layout.skip_rows :], layout.skip_rows + 1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        if all(is_number(c) for c in line.split(layout.delimiter or ";" if ";" in line else ",")):
-            problem = f"line {at}: no header row, it starts with numbers ({line[:40].strip()})"
-            return InputError(problem, where=path, mend="put the column names into the first line")
-        problem = "no rows of numbers below a header"
-        return InputError(problem, where=path, mend="give a table with names in one row")
-    return InputError("no header row", where=path, mend="the first row must name the columns")

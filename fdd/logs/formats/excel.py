@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import HEAD_ROWS, MAX_CELLS, MAX_WORKBOOK_BYTES, MAX_WORKBOOK_UNPACKED
 from fdd.errors import InputError
-from fdd.logs.formats.signals import readable, require_size
+from fdd.logs.formats import readable, require_size
 from fdd.logs.formats.text_layout import find_table, is_number
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 

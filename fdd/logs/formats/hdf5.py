@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fdd.bounds import MOST_MATRIX_COLUMNS
 from fdd.errors import InputError
-from fdd.logs.formats.signals import readable, require_stored, unit_among
+from fdd.logs.formats import readable, require_stored, unit_among
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 _NUMBERS = "fiub"

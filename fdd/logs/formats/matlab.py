@@ -18,15 +18,12 @@ import numpy as np
 
 from fdd.bounds import DEEPEST_STRUCT, MOST_MATRIX_COLUMNS, MOST_MATRIX_DEPTH, limit
 from fdd.errors import InputError
-from fdd.logs.formats.signals import readable, require_size
+from fdd.logs.formats import readable, require_size
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 
 def open_matlab(path: Path) -> TreeFile:
-    """Signals of a MATLAB 5 file: ``rec.pos.value`` is ``rec/pos``.
-
-    Raises InputError: damaged, too large, or without arrays.
-    """
+    """Signals, ``rec.pos.value`` as ``rec/pos``. Raises InputError: damaged, too large, or without arrays."""
     from scipy.io import loadmat, whosmat
 
     with readable("damaged MATLAB file", path, "save it again"):

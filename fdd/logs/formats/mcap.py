@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import zlib
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from fdd.bounds import MAX_CHUNK_BYTES, MAX_RECORD_BYTES, MAX_SIGNALS
 from fdd.errors import InputError, did_you_mean, listed
+from fdd.logs.formats import LogFile, Signal, require_size
 from fdd.logs.formats.messages import Decoder, FieldPath, decoder_of
-from fdd.logs.formats.signals import LogFile, Signal, require_size
 from fdd.samples import Column
 
 AXIS_TOPIC = re.compile(r"^/eha/(?P<axis>[^/]+)/measurement$")
@@ -45,14 +45,9 @@ def _none_found() -> _Found:
 class ChunkWalk:
     """Messages of a file in the order in which they were written; schemas and channels fill up on the way.
 
-    Each step gives the number of a channel, (n,) ns, and n messages.
-
-    Attributes
-    ----------
-    schemas, channels : the library's records, by number.
-    metadata : record name to key-value pairs.
-    truncated : after the walk, whether the file ends before its data does.
-    damaged : chunks whose checksum or compression is wrong; they are left out.
+    Each step gives the number of a channel, (n,) ns, and n messages. `schemas`, `channels`: the library's
+    records, by number. `metadata`: record name to key-value pairs. After the walk, `truncated`: whether the
+    file ends before its data does; `damaged`: chunks that were left out (checksum or compression is wrong).
 
     Raises InputError: no MCAP file, or more than is read.
     """
@@ -173,13 +168,10 @@ def _inflated(chunk: Any, size: int) -> bytes | None:
 
 @dataclass
 class McapFile(LogFile):
-    """An MCAP file whose topics and fields are known.
+    """An MCAP file whose topics, with messages or without, and fields are known.
 
-    Attributes
-    ----------
-    topics : all topics, with messages or without.
-    paths : signal to its field's path, or to those of the seconds and nanoseconds of a stamp.
-    reasons : topic to why its messages cannot be read.
+    `paths`: signal to its field's path, or to those of the seconds and nanoseconds of a stamp.
+    `reasons`: topic to why its messages cannot be read.
     """
 
     topics: list[str] = field(default_factory=list)
@@ -208,10 +200,7 @@ class McapFile(LogFile):
         return f"message {row}"
 
     def field(self, topic: str, path: str | None) -> Signal:
-        """The signal of a topic's field.
-
-        Raises InputError: no such topic, no message that can be read on it, or no such field.
-        """
+        """The signal of a topic's field. Raises InputError: no such topic or field, no readable message."""
         there = {str(s.field): s for s in self.signals.values() if s.topic == topic}
         if topic not in self.topics:
             problem = f"no topic {topic}{did_you_mean(topic, self.topics)}"
@@ -237,11 +226,8 @@ class McapFile(LogFile):
         """Columns of signals by topic; the topics' stamps are kept."""
         walk = ChunkWalk(self.path)
         decoders: dict[int, Decoder] = {}
-        paths = {
-            t: list(dict.fromkeys(p for n in names for p in self.paths[n])) for t, names in wanted.items()
-        }
-        parts = {t: _Rows(len(paths[t])) for t in wanted}
-        rows = 0
+        paths = {t: list(dict.fromkeys(p for n in ns for p in self.paths[n])) for t, ns in wanted.items()}
+        parts, rows = {t: _Rows(len(paths[t])) for t in wanted}, 0
         for number, stamps, payloads in walk:
             channel = walk.channels[number]
             if (topic := channel.topic) not in wanted:
@@ -298,11 +284,9 @@ class _Rows:
 
 
 def open_mcap(path: Path) -> McapFile:
-    """Topics and fields of an MCAP file, which may end early.
+    """Topics and fields of an MCAP file, which may end early. Raises InputError: no MCAP file.
 
     The walk ends where all channels of the file's summary have shown a message.
-
-    Raises InputError: no MCAP file.
     """
     from mcap.reader import SeekingReader
 
@@ -330,8 +314,8 @@ def open_mcap(path: Path) -> McapFile:
             log.reasons.setdefault(channel.topic, str(error))
             fields = {}
         for at, paths, unit in _offered(fields):
-            name = f"{channel.topic}.{written(at)}"
-            log.signals.setdefault(name, Signal(name, channel.topic, unit, channel.topic, written(at)))
+            name = f"{channel.topic}.{at}"
+            log.signals.setdefault(name, Signal(name, channel.topic, unit, channel.topic, at))
             log.paths.setdefault(name, paths)
         if known and known <= seen:
             break
@@ -345,17 +329,17 @@ def open_mcap(path: Path) -> McapFile:
 
 def _offered(
     fields: Mapping[FieldPath, str | None],
-) -> Iterator[tuple[FieldPath, tuple[FieldPath, ...], str | None]]:
-    """Where a signal stands, the paths of its numbers, and its unit: fields, and stamps of two of them."""
+) -> Iterator[tuple[str, tuple[FieldPath, ...], str | None]]:
+    """Fields, and stamps of two of them: as a map writes them, the paths of their numbers, their units."""
     for path, unit in fields.items():
-        yield path, (path,), unit
+        yield written(path), (path,), unit
         *above, last = path
         for name in _NANOSECONDS.get(str(last), ()) if above else ():
             if (*above, name) in fields:
-                yield tuple(above), (path, (*above, name)), "s"
+                yield written(above), (path, (*above, name)), "s"
 
 
-def written(path: FieldPath) -> str:
+def written(path: Sequence[str | int]) -> str:
     """A path as a channel map writes it.
 
     Examples

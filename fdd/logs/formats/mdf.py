@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.logs.formats.signals import readable, require_stored
+from fdd.logs.formats import readable, require_stored
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 _IN_RECORD = (0, 1, 2, 4, 5)

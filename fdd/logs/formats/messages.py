@@ -50,19 +50,13 @@ class Decoder:
         return {path: self.units.get(path) for path in islice(dict.fromkeys(found), MOST_FIELDS)}
 
     def columns(self, payloads: Sequence[bytes], paths: Sequence[FieldPath]) -> list[Column]:
-        """(n,) numbers of each path, NaN where a message lacks it.
-
-        Raises ValueError: a message is damaged, or holds something else than numbers there.
-        """
+        """(n,) numbers of each path, NaN where a message lacks it. Raises ValueError: damaged, no numbers."""
         messages = self.decode(payloads)
         return [_numbers(messages, path) for path in paths]
 
 
 def decoder_of(channel: Any, schema: Any) -> Decoder:
-    """What reads the messages of a channel: of the library's records, the second of which may be None.
-
-    Raises ValueError: says why the messages cannot be read.
-    """
+    """What reads a channel's messages, of the library's records. Raises ValueError: says why nothing does."""
     encoding, data = channel.message_encoding, b"" if schema is None else bytes(schema.data)
     kind = "" if schema is None else schema.encoding
     if encoding == "json":

@@ -9,15 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from fdd.logs.formats.signals import readable, require_stored
+from fdd.logs.formats import readable, require_stored
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 
 def open_tdms(path: Path) -> TreeFile:
-    """Signals of a TDMS file, ``group/channel``.
-
-    Raises InputError: damaged, or without channels of numbers.
-    """
+    """Signals of a TDMS file, ``group/channel``. Raises InputError: damaged, or no channels of numbers."""
     from nptdms import TdmsFile
     from nptdms.log import log_manager
 

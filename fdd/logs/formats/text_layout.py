@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fdd.bounds import SNIFFED_BYTES
 from fdd.errors import InputError
-from fdd.logs.formats.signals import readable, seconds_since
+from fdd.logs.channel_map import CsvLayout
+from fdd.logs.formats import readable
 from fdd.measures import MEASURES, find_measure
 from fdd.samples import Column
 
@@ -33,22 +35,28 @@ _STAMP = re.compile(rf"(?:{_DAY})?(?P<gap>[T ]|, )?(?:{_CLOCK})?(?P<zone> ?(?:Z|
 DAY_S = 86_400.0
 
 
-def head_of(path: Path) -> tuple[bytes, bool, bool]:
-    """The first bytes, unpacked; whether the file is packed; whether these are all."""
+def layout_of(path: Path, given: CsvLayout) -> tuple[Layout, str, bool]:
+    """A file's layout as far as it is not given, its encoding, and whether it is packed by gzip.
+
+    Raises InputError: no text, or no rows of numbers below a header.
+    """
     with path.open("rb") as source:
         head = source.read(SNIFFED_BYTES + 1)
     packed = head.startswith(b"\x1f\x8b")
     if packed:
         with readable("damaged gzip file", path), gzip.open(path, "rb") as unpacked:
             head = unpacked.read(SNIFFED_BYTES + 1)
-    return head[:SNIFFED_BYTES], packed, len(head) <= SNIFFED_BYTES
+    whole = len(head) <= SNIFFED_BYTES
+    text, encoding = _decoded(head[:SNIFFED_BYTES], path, whole)
+    lines = text.splitlines()[: None if whole else -1][: given.skip_rows + 400]
+    found = find_layout(lines, given.delimiter, given.decimal, given.skip_rows)
+    if found is None:
+        raise _no_table(lines, given, path)
+    return found, encoding, packed
 
 
-def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
-    """The text and its encoding: UTF-16 by its mark, UTF-8 where it is that, else Windows-1252.
-
-    Raises InputError: no text.
-    """
+def _decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
+    """The text and its encoding: UTF-16 by its mark, UTF-8 where it is that, else Windows-1252."""
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return head.decode("utf-16", errors="replace").lstrip("\ufeff"), "utf-16"
     if b"\0" in head:
@@ -62,12 +70,21 @@ def decoded(head: bytes, where: Path, whole: bool) -> tuple[str, str]:
     return head.decode("latin-1"), "latin-1"
 
 
+def _no_table(lines: list[str], layout: CsvLayout, path: Path) -> InputError:
+    for at, line in enumerate(lines[layout.skip_rows :], layout.skip_rows + 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        if all(is_number(c) for c in line.split(layout.delimiter or ";" if ";" in line else ",")):
+            problem = f"line {at}: no header row, it starts with numbers ({line[:40].strip()})"
+            return InputError(problem, where=path, mend="put the column names into the first line")
+        problem = "no rows of numbers below a header"
+        return InputError(problem, where=path, mend="give a table with names in one row")
+    return InputError("no header row", where=path, mend="the first row must name the columns")
+
+
 @dataclass(frozen=True)
 class Layout:
-    """Where a table's parts stand; a unit is "" where there is none.
-
-    `first_line`: index of the first line of numbers, from 0. `first_row`: its cells.
-    """
+    """Where a table's parts stand; a unit is "" where there is none, `first_line` of the numbers from 0."""
 
     separator: str
     decimal: str
@@ -104,8 +121,7 @@ def find_layout(
 ) -> Layout | None:
     """The layout of a text file by its first lines; None where no row of numbers stands below a row of names.
 
-    `lines`: the first some hundred lines. `separator`, `decimal`: where they are known. `skip`: lines that
-    are no part of the table.
+    `separator`, `decimal`: where they are known. `skip`: lines that are no part of the table.
 
     Examples
     --------
@@ -273,3 +289,21 @@ def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[st
         read = tried if read is None else read.fillna(tried)
     read = read.dt.tz_localize(None) if zone else read
     return *seconds_since(np.asarray(read.to_numpy(), dtype="datetime64[ns]")), notes
+
+
+def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
+    """Seconds since the first of (n,) stamps (NaN of NaT), and that stamp in ns since 1970 (0 without one).
+
+    Examples
+    --------
+    >>> seconds_since(np.array(["1970-01-01T00:00:01.5", "1970-01-01T00:00:02"], "datetime64[ns]"))
+    (array([0. , 0.5]), 1500000000)
+    """
+    counted = stamps.astype("datetime64[ns]", copy=False).view(np.int64)
+    missing = np.isnat(stamps)
+    if missing.all():
+        return np.full(stamps.size, np.nan), 0
+    first = int(counted.min(where=~missing, initial=np.iinfo(np.int64).max))
+    seconds: Column = (counted - first) * np.float64(1e-9)  # subtracted before floats lose the nanoseconds
+    seconds[missing] = np.nan
+    return seconds, first

@@ -14,7 +14,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.logs.conversion import directed, unwrap_counts
+from fdd.logs.channel_map import directed, unwrap_counts
 from fdd.samples import Column
 
 WINDOW_S = 0.1
@@ -36,11 +36,9 @@ FOLLOWS, MORE = 0.8, 0.3
 
 @dataclass
 class Signals:
-    """Signals on one time base; methods take a signal's name, or a column (n,) itself.
+    """Signals at `time`, (n,) s; `columns`: name to (n,) raw values, NaN where one is missing.
 
-    Attributes
-    ----------
-    time : (n,) s. columns : name to (n,) raw values; NaN where one is missing.
+    Methods take a signal's name, or a column (n,) itself.
     """
 
     time: Column

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from fdd.bounds import MAX_WORDS_BYTES
 from fdd.errors import InputError
-from fdd.logs.formats.signals import Signal
-from fdd.logs.names import bare_name, path_parts, unit_in_name
+from fdd.logs.formats import Signal
+from fdd.logs.formats.trees import bare_name, path_parts, unit_in_name
 from fdd.measures import find_measure
 from fdd.samples import CHANNELS
 from fdd.yaml_reading import yaml_mapping, yaml_text

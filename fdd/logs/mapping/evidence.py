@@ -10,10 +10,10 @@ import numpy as np
 
 from fdd.bounds import MOST_ROWS_LOOKED_AT
 from fdd.errors import InputError
-from fdd.logs.formats.signals import LogFile, Signal
+from fdd.logs.formats import LogFile, Signal
+from fdd.logs.formats.trees import grows, is_time_name, path_parts, time_unit
 from fdd.logs.mapping.behaviour import Shaft, Signals, correlation, find_shaft
 from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
-from fdd.logs.names import grows, is_time_name, path_parts, time_unit
 from fdd.logs.rates import aligned
 from fdd.measures import measure
 from fdd.samples import CHANNELS
@@ -38,11 +38,10 @@ RESTS = 0.6
 
 @dataclass
 class Clues:
-    """What is known of a log's signals.
+    """What is known of a log's signals, without those of clocks.
 
     Attributes
     ----------
-    signals : by name, without those of clocks.
     data : on one time base.
     scores : signal to channel to nats.
     units : signal to the unit that the file or its name gives.

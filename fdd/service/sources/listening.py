@@ -11,7 +11,7 @@ import numpy as np
 
 from fdd.bounds import MAX_LINE_BYTES, MOST_AXES, MOST_PENDING
 from fdd.errors import InputError
-from fdd.monitor.lines import split_lines
+from fdd.monitor.stream import split_lines
 from fdd.samples import Samples
 from fdd.service.blocks import ARROW_START, Block, Decoder, axis_name, json_object
 from fdd.service.config_sources import TcpSource, UdpSource, bound_socket

@@ -1,14 +1,22 @@
-"""The clock of a live stream: followed where it was set; what came late and what is missing is counted."""
+"""What senders of a live stream mean: lines, their keys as channels in SI, and their clock: followed where it
+was set; what came late and what is missing is counted.
+"""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.bounds import MAX_LINE_BYTES
+from fdd.errors import InputError
+from fdd.logs.channel_map import ChannelMap, ChannelSource, to_si
 from fdd.logs.grid import grid_steps
 from fdd.logs.quality import COUNTED_GAP, JUMP_PERIODS, nominal_period
+from fdd.samples import CHANNELS
 
 Array = NDArray[np.float64]
 
@@ -26,6 +34,92 @@ PERIOD_STEPS = 100
 """Steps of time that tell the period."""
 REST_KEPT = 0.8
 """See `grid_steps`; less than of a whole log, as a period that few steps told is a little off."""
+
+
+def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], bytes, int]:
+    """Whole lines of the last call's rest and what came, the new rest, and how many were dropped as too long.
+
+    Examples
+    --------
+    >>> split_lines(b'{"a"', b': 1}\\n{"a": 2', False)
+    ([b'{"a": 1}'], b'{"a": 2', 0)
+    """
+    first, *more = chunk.split(b"\n")
+    # Of a line without end no more is copied than tells that it is too long.
+    *whole, rest = [tail if len(tail) > MAX_LINE_BYTES else tail + first, *more]
+    if ended:
+        whole, rest = [*whole, rest], b""
+    overlong = sum(len(line) > MAX_LINE_BYTES for line in whole)
+    lines = [line for line in whole if len(line) <= MAX_LINE_BYTES and line.strip()]
+    # One byte more than allowed is kept of a line without end: it stays overlong, and small.
+    return lines, rest[: MAX_LINE_BYTES + 1], overlong
+
+
+class StreamMap:
+    """A channel map applied to what a stream sends: `keys` (all that are read, in order) to channels in SI.
+
+    Without a map the contract's names in SI; the key ``time`` in s where the map has no time.
+    Raises InputError: the map has a topic, `wrap`, or `sign_of` of an angle, which need a whole log.
+
+    Examples
+    --------
+    >>> known = StreamMap(ChannelMap.from_yaml("position: {column: x, unit: mm, sign_of: s}"))
+    >>> list(known.keys), known.are_numbers({"x": 1, "name": "a"}), known.are_numbers({"x": True})
+    (['time', 'x', 's'], True, False)
+    >>> known.of_rows([{"x": 5, "s": 1}, {"x": None}, {}])
+    {'position': array([0.005,   nan,   nan])}
+    """
+
+    def __init__(self, channel_map: ChannelMap | None) -> None:
+        self.sources = {"time": ChannelSource(column="time")}
+        if channel_map is None:
+            self.sources |= {n: ChannelSource(column=n) for n in CHANNELS}
+        for name, source in {} if channel_map is None else channel_map.channels.items():
+            if source.from_ is not None:
+                continue  # the pipeline accumulates the pump's speed itself
+            angle = CHANNELS[name].dimension == "angle"
+            if source.column is None or source.wrap is not None or (angle and source.sign_of is not None):
+                only = "a stream takes plain columns only (no topic, wrap or sign_of of an angle)"
+                mend = "name the key of the JSON lines: {column: KEY, unit: UNIT}"
+                raise InputError(f"channel {name}: {only}", mend=mend)
+            self.sources[name] = source
+        self.keys = dict.fromkeys(
+            k for s in self.sources.values() for k in (s.column, s.sign_of) if k is not None
+        )
+
+    def in_si(self, raw: Callable[[str], Array | None]) -> dict[str, Array]:
+        """The channels that are there, `time` among them; `raw` gives a key's numbers (n,), or None."""
+        out = {}
+        for name, source in self.sources.items():
+            values = raw(str(source.column))
+            if values is None:
+                continue
+            direction = raw(source.sign_of) if source.sign_of else None
+            if source.sign_of and direction is None:
+                direction = np.full(values.size, np.nan)
+            out[name] = to_si(name, source, values, direction)
+        return out
+
+    def of_rows(self, rows: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+        """The same of JSON objects, one a row; a channel that no row has is not there."""
+
+        def column(key: str) -> Array | None:
+            if not any(key in row for row in rows):
+                return None
+            return np.array([_number(row.get(key)) for row in rows], dtype=np.float64)
+
+        return self.in_si(column)
+
+    def are_numbers(self, row: Mapping[str, Any]) -> bool:
+        """Whether what is read of a JSON object are numbers or null."""
+        return all(row.get(key) is None or type(row[key]) in (float, int) for key in self.keys)
+
+
+def _number(value: float | None) -> float:
+    try:
+        return float("nan" if value is None else value)
+    except OverflowError:  # an integer beyond any float
+        return float("inf")
 
 
 class StreamClock:
@@ -85,12 +179,9 @@ class StreamClock:
 class Gaps:
     """Count missing rows and jumps of a stream, however it is cut; the first steps tell the period.
 
-    Attributes
-    ----------
-    dropped, jumps : rows missing on the grid of the period; gaps of more than `JUMP_PERIODS` periods.
-    period : s; NaN until `PERIOD_STEPS` steps have told it.
-    rest : periods that rounding left over; see `grid_steps`.
-    waiting : s, the last rows' times: what the next ones are counted from.
+    `dropped`, `jumps`: rows missing on the grid of the period; gaps of more than `JUMP_PERIODS` periods.
+    `period`: s; NaN until `PERIOD_STEPS` steps have told it. `rest`: periods that rounding left over; see
+    `grid_steps`. `waiting`: s, the last rows' times: what the next ones are counted from.
 
     Examples
     --------
