@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 from watched import RECEIVED, ROWS, blocks_of, disordered, fleet_of, leaking, made, passing, send, settle
 
-from fdd.service.backlog import Backlog
 from fdd.service.fleet import Fleet
 from fdd.service.store import Store, StoreTrouble
+from fdd.service.storing import Backlog
 from tests.service.senders import until
 from tests.service.servers import postgres_url
 

@@ -15,7 +15,7 @@ from fdd.monitor.lines import split_lines
 from fdd.samples import Samples
 from fdd.service.blocks import ARROW_START, Block, Decoder, axis_name, json_object
 from fdd.service.config_sources import TcpSource, UdpSource, bound_socket
-from fdd.service.sources.source import Source, Window
+from fdd.service.sources import Source, Window
 
 GATHERED_S = 0.1
 """s for which single samples are gathered to a block."""

@@ -20,7 +20,7 @@ from fdd.monitor import Replay, WallClock
 from fdd.samples import Samples
 from fdd.service.blocks import axis_name
 from fdd.service.config_sources import FolderSource, ReplaySource
-from fdd.service.sources.source import Source, Window
+from fdd.service.sources import Source, Window
 
 NOTE = ".fdd-done.json"
 AT_REST_S = 2.0
