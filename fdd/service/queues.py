@@ -121,11 +121,9 @@ class Inbox:
             now = time.monotonic()
             lost = sorted(a for a, q in self._queues.items() if now - q.dropped_at < _TOLD_S)
             late = sorted(a for a, q in self._queues.items() if q.seconds > self._most_seconds)
-        told = (
-            (lost, "overloaded: the oldest samples are dropped of"),
-            (late, f"overloaded: senders wait, more than {self._most_seconds:g} s behind are"),
-        )
-        return [f"{text} {named(axes)}" for axes, text in told if axes]
+        dropped = "overloaded: the oldest samples are dropped of"
+        behind = f"overloaded: senders wait, more than {self._most_seconds:g} s behind are"
+        return [f"{text} {named(axes)}" for text, axes in ((dropped, lost), (behind, late)) if axes]
 
     def take(self, timeout: float) -> list[Block]:
         """Blocks in the order they came, in turn of each axis that has any; [] where none came in time, s."""
@@ -186,8 +184,7 @@ class Subscription:
     """One subscriber's queue; `Bus.subscribe` makes it. `lost` events were dropped, not taken in time."""
 
     def __init__(self, bus: Bus, kinds: Collection[Kind], most: int) -> None:
-        self._bus, self._kinds = bus, kinds
-        self._events: deque[Event] = deque(maxlen=most)
+        self._bus, self._kinds, self._events = bus, kinds, deque[Event](maxlen=most)
         self._news, self.lost = threading.Condition(), 0
 
     def get(self, timeout: float = 0.0) -> Event | None:

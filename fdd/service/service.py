@@ -21,7 +21,8 @@ from fdd.service.config import Serve
 from fdd.service.config_sources import AnySource, read_secret
 from fdd.service.fleet import Fleet
 from fdd.service.http import Server
-from fdd.service.outputs import Metrics, Outputs
+from fdd.service.outputs import Metrics
+from fdd.service.outputs.targets import Outputs
 from fdd.service.queues import Bus
 from fdd.service.sources import Source
 from fdd.service.sources.listening import Datagrams, TcpLines

@@ -296,5 +296,4 @@ def _estimate(name: str, healthy: float, row: Row | None, scale: float = 1.0) ->
 
 def told_by(store: Store, axis: str, since: float) -> Each:
     """By what a life is told: by the day, where there are enough, else by the hour."""
-    days = store.rollups(axis, HEALTHY_LEAKAGE, "day", since)
-    return "day" if len(days) >= LEAST_DAYS else "hour"
+    return "day" if len(store.rollups(axis, HEALTHY_LEAKAGE, "day", since)) >= LEAST_DAYS else "hour"

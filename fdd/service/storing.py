@@ -60,8 +60,7 @@ class Batch:
     def told(self, kind: Kind, axis: str, when: float, body: dict[str, Any], notify: bool = True) -> None:
         """What must arrive goes through the outbox, and is told at once to whom listens."""
         for target in self.targets.get((kind, notify), ()):
-            send = partial(Transaction.send, kind=kind, body=body, target=target, wall=self.wall)
-            self.writes.append(send)
+            self.writes.append(partial(Transaction.send, kind=kind, body=body, target=target, wall=self.wall))
         self.events.append(Event(kind, axis, when, body))
 
 

@@ -198,7 +198,7 @@ def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(sto
     monkeypatch.setattr(Fleet, "resume", lambda self: None)
     for block in blocks[300:]:
         fleet.inbox.put(block)
-    for module in ("inbox", "fleet"):
+    for module in ("queues", "fleet"):
         monkeypatch.setattr(f"fdd.service.{module}.MOST_TAKEN", len(blocks))
     fleet.run(stop)
     monkeypatch.undo()

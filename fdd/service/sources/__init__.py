@@ -29,8 +29,8 @@ class Source(ABC, Generic[Config]):
         self.name, self._config = config.name or config.type, config
         self._map = None if config.map is None else ChannelMap.load(config.map)
         self._lock = threading.Lock()
-        self._counts = {"received": 0, "refused": 0, "reconnects": 0}
         self._state: dict[str, Any] = {"connected": False, "last_error": None}
+        self._state |= {"received": 0, "refused": 0, "reconnects": 0}
         # When a refusal was last told in the log, monotonic s; refusals since then; the last one and when.
         self._logged, self._unlogged, self._refusal = -1e9, 0, (-1e9, "")
         self._ignored: dict[str, None] = {}
@@ -59,7 +59,7 @@ class Source(ABC, Generic[Config]):
             at, why = self._refusal
             lately = why if time.monotonic() - at < LATELY_S else ""
             more = {"refused_lately": lately, "ignored_columns": list(self._ignored)}
-            return {"name": self.name, **self._state, **self._counts, **more}
+            return {"name": self.name, **self._state, **more}
 
     def _run(self, target: Callable[..., None], *args: Any) -> None:
         """Run the source's own thread; with it the connection ends."""
@@ -87,7 +87,7 @@ class Source(ABC, Generic[Config]):
             block = replace(block, unit=self._config.unit)
         self._put(block)
         with self._lock:
-            self._counts["received"] += 1
+            self._state["received"] += 1
             for name in block.ignored:
                 if len(self._ignored) < 8:
                     self._ignored[name[:40]] = None
@@ -121,7 +121,7 @@ class Source(ABC, Generic[Config]):
 
     def _count(self, name: str) -> None:
         with self._lock:
-            self._counts[name] = self._counts.get(name, 0) + 1
+            self._state[name] = self._state.get(name, 0) + 1
 
     def _set(self, **state: Any) -> None:
         with self._lock:
