@@ -142,7 +142,7 @@ def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered
     require_packages("serve", "sqlalchemy")
     import time
 
-    from fdd.service.life import answers_of, axis_of, told_by
+    from fdd.service.status import answers_of, axis_of, told_by
     from fdd.service.store import Store
 
     span = re.fullmatch(r"([1-9]\d{0,3})([hdw])", since or "9999w")

@@ -72,7 +72,7 @@ def serve(
 
 
 def _make_token(text: str) -> None:
-    from fdd.service.http.tokens import ROLES, new_token
+    from fdd.service.tokens import ROLES, new_token
 
     name, colon, role = text.partition(":")
     if not colon or not name or role not in ROLES:
@@ -148,8 +148,8 @@ def publish(
     from fdd.logs import read_log
     from fdd.monitor import pieces
     from fdd.service.blocks import axis_name
-    from fdd.service.publishing import publish as send
-    from fdd.service.publishing import sendings
+    from fdd.service.sources.mqtt import publish as send
+    from fdd.service.sources.mqtt import sendings
 
     broker = broker_of(mqtt, password_file, ca)
     if any(c in topic for c in "+#\0") or not topic:

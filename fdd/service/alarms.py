@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
 from fdd.diagnosis.findings import FaultFinding
@@ -264,12 +264,8 @@ class AlarmBook:
         due = [a for a in self.alarms() if a.state == "SHELVED" and (a.shelved_until or 0.0) <= wall]
         return [self._back(a, ITSELF, "its time is over", wall) for a in due]
 
-    def state(self) -> dict[str, Any]:
-        """Everything, JSON-able; `restore` takes it back."""
-        return {"next_id": self._next_id, "alarms": [asdict(a) for a in self._alarms.values()]}
-
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `state` (or `Store.book`) gave; keys of other versions are left out."""
+        """Go on from what `Store.book` gave; keys of other versions are left out."""
         known = {f.name for f in fields(Alarm)}
         kept = [{k: v for k, v in a.items() if k in known} for a in state["alarms"]]
         for alarm in kept:

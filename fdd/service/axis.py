@@ -1,4 +1,4 @@
-"""One axis under watch: its blocks in order, its pipeline, and what it looked like lately."""
+"""One axis under watch: its blocks in order, its pipeline, the baseline that it learns, its state."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ from typing import Any
 
 import numpy as np
 
+from fdd.diagnosis.baseline import baseline_of
 from fdd.diagnosis.findings import Estimate, FaultFinding
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.identification.log_scales import STREAM_S, StreamScales
 from fdd.logs.quality import check_magnitudes
-from fdd.residuals.bins import FRAME_S
+from fdd.residuals.balance_history import BalanceHistory
+from fdd.residuals.balances import BALANCES
+from fdd.residuals.bins import FRAME_S, BinMaker
+from fdd.residuals.effects import first_effects
 from fdd.samples import Samples
 from fdd.service.blocks import Block
-from fdd.service.bus import Bus, Event
-from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR
 from fdd.service.order import Order
-from fdd.service.profiles import Learning
-from fdd.service.status import FRESH_S, LOOK_S, Recent
+from fdd.service.queues import Bus, Event
+from fdd.service.status import FRESH_S, HEALTHY_LEAKAGE, LEAKAGE_FACTOR, LOOK_S, Recent
 from fdd.service.store import Checkpoint, Rollup
 from fdd.unit import Unit
 
@@ -43,6 +45,8 @@ CLOCK_GAP_S = 2.0
 """s by which the clock times of a stream from any start may be off before they are corrected."""
 REST_S = 60.0
 """s of data after a fault of fdd itself, before the axis is tried again."""
+MOVES = 0.2
+"""Share of frames whose oil tells anything, below which an axis has hardly worked yet."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,40 @@ class Look:
     time: float
     fresh: list[FaultFinding]
     standing: list[FaultFinding]
+
+
+class Learning:
+    """Gather the balances of a unit without baseline, until it has worked for so many seconds; its state is
+    in `bins` and `history`.
+
+    Examples
+    --------
+    >>> Learning(Unit.load("axis_a"), 1200.0).learnt() is None
+    True
+    """
+
+    def __init__(self, unit: Unit, seconds: float) -> None:
+        self.unit, self.seconds = unit, seconds
+        self.forget()
+
+    def forget(self) -> None:
+        """Something is wrong with it: what came so far is no baseline."""
+        effects = {name: first_effects(name, unit=self.unit) for name in BALANCES}
+        self.bins, self.history = BinMaker(self.unit), BalanceHistory(self.unit, effects)
+
+    def push(self, samples: Samples) -> None:
+        """Take samples of a unit that nothing is known to be wrong with."""
+        for first, bins in self.bins.stretches(samples):
+            self.history.push(first, bins)
+
+    def learnt(self) -> Unit | None:
+        """The profile with its baseline, once it has worked for long enough."""
+        worked = FRAME_S * sum(frame.rows > 0.0 for frame in self.history.equations["volume"])
+        if worked < MOVES * self.seconds or FRAME_S * len(self.history.frames) < self.seconds:
+            return None
+        out = self.unit.model_copy(deep=True)
+        out.baseline = baseline_of([self.history])
+        return out
 
 
 class AxisWatch:

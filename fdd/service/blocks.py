@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from struct import error as StructError
 from struct import unpack_from
@@ -111,11 +111,11 @@ class Decoder:
             raise InputError(problem, mend="send shorter blocks")
         if payload.startswith(ARROW_START):
             columns, head = arrow_columns(payload)
-            ignored = tuple(k for k in columns if k not in self.map.keys)
+            ignored = self._ignored(columns)
             numbers = 8 * sum(v.size for v in columns.values())
             if self._plain and not ignored and len(payload) <= numbers + _HEAD_BYTES:
                 more["payload"] = payload
-            return self._block(columns, _of_axis(head, axis), more, ignored)
+            return self._block(columns, _of_axis(head, axis), {**more, "ignored": ignored})
         return self.decode_object(_of_axis(json_object(payload), axis), **more)
 
     def decode_object(self, message: Mapping[str, Any], **more: Any) -> Block:
@@ -130,16 +130,13 @@ class Decoder:
         columns = {name: json_numbers(name, given[name]) for name in self.map.keys if name in given}
         if "time" not in columns and message.get("time") is not None:
             columns["time"] = json_times(message["time"])
-        ignored = tuple(k for k in given if k not in self.map.keys) if len(columns) < len(given) else ()
-        return self._block(columns, message, more, ignored)
+        ignored = self._ignored(given) if len(columns) < len(given) else ()
+        return self._block(columns, message, {**more, "ignored": ignored})
 
-    def _block(
-        self,
-        columns: dict[str, Array],
-        head: Mapping[str, Any],
-        more: dict[str, Any],
-        ignored: tuple[str, ...],
-    ) -> Block:
+    def _ignored(self, names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(name for name in names if name not in self.map.keys)[:_MOST_TOLD]
+
+    def _block(self, columns: dict[str, Array], head: Mapping[str, Any], more: dict[str, Any]) -> Block:
         if head.get("schema") != SCHEMA:
             raise InputError(f"not a block: its schema is not {SCHEMA}", mend=f'write "schema": "{SCHEMA}"')
         axis, sequence, unit = axis_name(head.get("axis")), head.get("sequence"), head.get("unit")
@@ -151,8 +148,7 @@ class Decoder:
             samples = self._samples(columns)
         except InputError as error:
             raise InputError(error.problem, where=f"axis {axis}", mend=error.mend) from None
-        more = {"received": time.time(), **more}
-        return Block(axis, samples, sequence, unit=unit, ignored=ignored[:_MOST_TOLD], **more)
+        return Block(axis, samples, sequence, unit=unit, **{"received": time.time(), **more})
 
     def _samples(self, columns: dict[str, Array]) -> Samples:
         if self._plain:
@@ -275,9 +271,8 @@ def arrow_columns(payload: bytes) -> tuple[dict[str, Array], dict[str, Any]]:
         raise InputError(f"no Arrow stream ({type(error).__name__})", mend=MEND) from None
     if more:
         raise InputError("more than one record batch", mend=MEND)
-    told = schema.metadata or {}
-    keys = (k for k in _KEYS if k.encode() in told)
-    head: dict[str, Any] = {k: told[k.encode()].decode(errors="replace") for k in keys}
+    told = {k: (schema.metadata or {}).get(k.encode()) for k in _KEYS}
+    head: dict[str, Any] = {k: v.decode(errors="replace") for k, v in told.items() if v is not None}
     text = head.get("sequence", "")
     if text.isascii() and text.isdigit() and len(text) < 20:
         head["sequence"] = int(text)

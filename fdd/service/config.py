@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import re
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 from urllib.parse import urlsplit
@@ -11,9 +12,10 @@ from zoneinfo import ZoneInfo
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from fdd.bounds import MAX_SERVE_BYTES
-from fdd.errors import input_error
+from fdd.bounds import MAX_SERVE_BYTES, MOST_AXES
+from fdd.errors import InputError, input_error
 from fdd.service.config_sources import AnySource, AxisName, Broker, ConfigPath, ListenedPort, Part, Seconds
+from fdd.unit import Unit, shipped_units
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 
@@ -183,3 +185,32 @@ class Serve(Part):
         except ValidationError as error:
             # The tag of the union stands in the place, as in sources.0.mqtt.port.
             raise input_error(error, where, "see fdd schema serve") from None
+
+
+def profile_of(config: Serve, axis: str, said: str | None) -> Unit:
+    """The profile of an axis, of the folder or the mapping of `serve.yaml`, a shipped one, or the fallback.
+
+    What its blocks say is looked up among the folder's files and the shipped profiles: it is never a path.
+    Raises InputError: there is none, or it cannot be used.
+    """
+    units = config.units
+    if isinstance(units, dict):
+        if axis in units:
+            return _load(units[axis])
+    elif units is not None:
+        files = {p.stem: p for p in sorted(units.glob("*.yaml"))[:MOST_AXES]}
+        for name in (said, axis, axis.replace("/", "_")):
+            if name in files:
+                return _load(str(files[name]))
+    if said is not None and said in shipped_units():
+        return _load(said)
+    if config.fallback is not None:
+        return _load(config.fallback)
+    problem = f"axis {axis}: no profile{f' {said!r}' if said else ''}"
+    raise InputError(problem, mend="put one named like the axis into the units folder, or name a fallback")
+
+
+@cache
+def _load(source: str) -> Unit:
+    """A profile, read once for all its axes, which share it."""
+    return Unit.load(source)

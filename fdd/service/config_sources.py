@@ -6,7 +6,7 @@ import socket
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from fdd.bounds import MOST_CONNECTIONS
 from fdd.errors import InputError
@@ -19,15 +19,11 @@ Port = Annotated[int, Field(ge=1, le=65535)]
 ListenedPort = Annotated[int, Field(ge=0, le=65535, description="0 takes a free one")]
 Seconds = Annotated[float, Field(gt=0, le=86400, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=64)]
-
-
-def _from_folder(path: Path, info: ValidationInfo) -> Path:
-    """The path from the folder of the file, which the context of the validation names."""
-    return (info.context or Path()) / path
-
-
-_RELATIVE = Field(description="relative to the folder that serve.yaml stands in")
-ConfigPath = Annotated[Path, _RELATIVE, AfterValidator(_from_folder)]
+ConfigPath = Annotated[
+    Path,
+    Field(description="relative to the folder that serve.yaml stands in"),
+    AfterValidator(lambda path, info: (info.context or Path()) / path),  # the validation's context names it
+]
 AxisName = Annotated[str, AfterValidator(axis_name)]
 MOST_SECRET_BYTES = 4096
 

@@ -19,16 +19,12 @@ from fdd.errors import InputError
 from fdd.service import storing
 from fdd.service.alarms import ITSELF, Action, AlarmBook, Transition
 from fdd.service.axis import AxisWatch, Look
-from fdd.service.backlog import Backlog
 from fdd.service.blocks import Block, encode_arrow
-from fdd.service.bus import Bus, Event
-from fdd.service.config import Serve
-from fdd.service.inbox import MOST_TAKEN, Inbox
-from fdd.service.life import said_key, worked_key
-from fdd.service.profiles import profile_of
+from fdd.service.config import Serve, profile_of
+from fdd.service.queues import MOST_TAKEN, Bus, Event, Inbox
 from fdd.service.status import AxisDetail, AxisStatus, status_of
-from fdd.service.store import Store, StoreTrouble, Transaction
-from fdd.service.storing import Batch, Targets, Writer
+from fdd.service.store import Store, StoreTrouble, Transaction, said_key, worked_key
+from fdd.service.storing import Backlog, Batch, Targets, Writer
 
 LOG = logging.getLogger("fdd.service")
 T = TypeVar("T")

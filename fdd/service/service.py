@@ -17,16 +17,19 @@ from fdd.bounds import MOST_AXES
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.files import require_writable
-from fdd.service.bus import Bus
 from fdd.service.config import Serve
-from fdd.service.config_sources import read_secret
+from fdd.service.config_sources import AnySource, read_secret
 from fdd.service.fleet import Fleet
-from fdd.service.http.app import Server
-from fdd.service.http.tokens import Tokens
-from fdd.service.outputs.metrics import Metrics
+from fdd.service.http import Server
+from fdd.service.outputs import Metrics
 from fdd.service.outputs.targets import Outputs
-from fdd.service.sources import open_source
+from fdd.service.queues import Bus
+from fdd.service.sources import Source
+from fdd.service.sources.listening import Datagrams, TcpLines
+from fdd.service.sources.logs import Folder, Replays
+from fdd.service.sources.mqtt import Mqtt
 from fdd.service.store import Store, StoreTrouble
+from fdd.service.tokens import Tokens
 from fdd.unit import Unit
 
 LOG = logging.getLogger("fdd.service")
@@ -37,6 +40,9 @@ AGAIN_S = 5.0
 """Before a server that is away at the start is tried again."""
 GC_THRESHOLD = 50_000
 """Python's own is 700: waiting blocks of a hundred axes would start the garbage collector all the time."""
+SOURCES: dict[str, type[Source[Any]]] = {
+    "mqtt": Mqtt, "folder": Folder, "replay": Replays, "tcp": TcpLines, "udp": Datagrams,
+}  # fmt: skip
 
 
 class Service:
@@ -137,6 +143,14 @@ class Service:
             self.fleet.inbox.close()
             ended.set()
             stop.set()
+
+
+def open_source(config: AnySource) -> Source[Any]:
+    """The source that a part of `serve.yaml` describes.
+
+    Raises InputError: its map cannot be read, or has what a stream cannot use.
+    """
+    return SOURCES[config.type](config)
 
 
 def _opened(url: str) -> Store:

@@ -1,7 +1,8 @@
-"""How an axis stands and what it looked like lately, as the page, the metrics and the buses are told."""
+"""How an axis stands, lately and over its life: as the page, the metrics, the buses and `fdd trend` tell."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -12,11 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from fdd.diagnosis.findings import Estimate, FaultFinding
-from fdd.faults import fault
+import fdd
+from fdd.diagnosis.answering import healthy_of
+from fdd.diagnosis.findings import ESTIMATED, Diagnosis, Estimate, FaultFinding, Quality
+from fdd.errors import InputError
+from fdd.faults import FAMILIES, fault
+from fdd.history.trend import severity_one, trend_of
 from fdd.report.words import percent
 from fdd.samples import CHANNELS, Samples
 from fdd.service.alarms import PRIORITIES, Alarm, Priority
+from fdd.service.store import Store, profile_key
+from fdd.service.store.schema import SPANS_S
+from fdd.unit import Unit, shipped_units
 
 if TYPE_CHECKING:
     from fdd.service.axis import AxisWatch
@@ -33,6 +41,15 @@ FRESH_S = 30 * 86400.0
 Numbers = list[float | None]
 _NAMES = tuple(name for name in CHANNELS if name != "time")
 _Floats = NDArray[np.float32]
+Each = Literal["minute", "hour", "day"]
+Row = Mapping[str, Any]
+
+HEALTHY_LEAKAGE, LEAKAGE_FACTOR = "leakage_healthy", "leakage_factor"
+"""Rolled up beside the leakage: what the profile says of it at that oil temperature, and their ratio."""
+LEAST_DAYS = 8
+"""From which on a life is told by the day, and not by the hour."""
+MOST_ALARMS = 100_000
+_FORM = {"minute": "%Y-%m-%d %H:%M", "hour": "%Y-%m-%d %H:00", "day": "%Y-%m-%d"}
 
 
 class Series(BaseModel):
@@ -206,3 +223,77 @@ def _series(times: list[float], rows: Sequence[Mapping[str, float]]) -> Series:
 
 def _numbers(column: _Floats) -> Numbers:
     return [None if np.isnan(v) else float(v) for v in column]
+
+
+def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:
+    """An axis (None for the one that there is) and its profile, None where the store does not hold it.
+
+    Raises InputError: no such axis, or several.
+    """
+    axes = {str(row["name"]): row for row in store.axes()}
+    chosen = next(iter(axes)) if name is None and len(axes) == 1 else name or ""
+    if chosen not in axes:
+        problem, known = f"no axis {name}" if name else f"{len(axes)} axes", ", ".join(list(axes)[:20])
+        raise InputError(problem, where="the store", mend=f"give --axis, of {known or 'none yet'}")
+    row = axes[chosen]
+    text = store.meta(profile_key(row["profile_sha256"] or ""))
+    if text is not None:
+        return chosen, Unit.from_yaml(text, where=f"the profile of axis {chosen}")
+    return chosen, Unit.load(row["unit"]) if row["unit"] in shipped_units() else None
+
+
+def answers_of(store: Store, axis: str, unit: Unit, each: Each, since: float = 0.0) -> list[Diagnosis]:
+    """An axis's minutes, hours or days since a time (Unix seconds) in their order, each as a log's answer.
+
+    The standard deviation is of the estimate: its own and what it varied by, of leakage at one temperature.
+    A span has the alarms that stood in it.
+    """
+    names = (*ESTIMATED, HEALTHY_LEAKAGE, LEAKAGE_FACTOR)
+    rows = {n: {r["start_wall"]: r for r in store.rollups(axis, n, each, since)} for n in names}
+    alarms = [a for a in store.alarms(limit=MOST_ALARMS) if a["axis"] == axis]
+    spans = sorted({start for found in rows.values() for start in found})
+    healthy, out = healthy_of(unit), []
+    for start in spans:
+        stood = [
+            FaultFinding.model_validate(a["body"])
+            for a in reversed(alarms)
+            if a["raised_wall"] < start + SPANS_S[each] and (a["returned_wall"] or math.inf) >= start
+        ]
+        known = {n: _estimate(n, healthy[n], rows[n].get(start)) for n in ESTIMATED}
+        warm, factor = (rows[n].get(start) for n in (HEALTHY_LEAKAGE, LEAKAGE_FACTOR))
+        if warm is not None:
+            known["leakage"] = _estimate("leakage", warm["mean"], factor, warm["mean"])
+        out.append(
+            Diagnosis(
+                log=f"{datetime.fromtimestamp(start, UTC):{_FORM[each]}}", axis=axis, unit=unit.name,
+                duration_s=SPANS_S[each], samples=0, verdict="faulty" if stood else "healthy", faults=stood,
+                probabilities=dict.fromkeys(FAMILIES, 0.0), quality=Quality(),
+                versions={"fdd": fdd.__version__},
+                started_at=datetime.fromtimestamp(start, UTC).isoformat().replace("+00:00", "Z"),
+                estimates=known,
+            )
+        )  # fmt: skip
+    return out
+
+
+def sentence_of(store: Store, axis: str, quantity: str, each: Each, since: float) -> str:
+    """Where a quantity is going, as `fdd trend` tells it; "" of another one, and without a profile."""
+    if quantity not in ESTIMATED or axis not in {row["name"] for row in store.axes()}:
+        return ""
+    _, unit = axis_of(store, axis)
+    if unit is None or not (answers := answers_of(store, axis, unit, each, since)):
+        return ""
+    life, _ = trend_of(answers, severity_one(unit), each)
+    return next((t.sentence for t in life.trends if t.quantity == quantity), "")
+
+
+def _estimate(name: str, healthy: float, row: Row | None, scale: float = 1.0) -> Estimate:
+    """Of a span's row; not observable without one."""
+    value, std = (None, None) if row is None else (scale * row["mean"], scale * row["std"])
+    unit, known = ESTIMATED[name][0], row is not None
+    return Estimate(unit=unit, baseline=healthy, value=value, std=std, observable=known)
+
+
+def told_by(store: Store, axis: str, since: float) -> Each:
+    """By what a life is told: by the day, where there are enough, else by the hour."""
+    return "day" if len(store.rollups(axis, HEALTHY_LEAKAGE, "day", since)) >= LEAST_DAYS else "hour"

@@ -27,9 +27,9 @@ from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
 from fdd.service.blocks import SCHEMA, Decoder, arrow_payload
-from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
+from fdd.service.queues import Bus
 from fdd.service.store import Store
 from fdd.unit import Unit
 from reports.service import MOSQUITTO, Process, broker, opened, resident, until

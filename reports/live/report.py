@@ -24,10 +24,9 @@ from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
 from fdd.service.blocks import Block
-from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
-from fdd.service.inbox import Inbox
+from fdd.service.queues import Bus, Inbox
 from fdd.service.store import Store
 from fdd.unit import Unit
 from reports.live import capacity

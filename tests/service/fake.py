@@ -12,12 +12,12 @@ import numpy as np
 from starlette.testclient import TestClient
 
 from fdd.service.alarms import Action, Alarm, AlarmBook, Transition
-from fdd.service.bus import Bus, Event
 from fdd.service.config import Listen
-from fdd.service.http.app import Server, web
-from fdd.service.http.tokens import Tokens, new_token
+from fdd.service.http import Server, web
+from fdd.service.queues import Bus, Event
 from fdd.service.status import AxisDetail, AxisStatus, Bands, Series
 from fdd.service.store import Store
+from fdd.service.tokens import Tokens, new_token
 from tests.service import senders
 
 BASE = {"leakage": 6.5e-12, "bulk_modulus": 1.16e9, "coulomb_friction": 310.0, "viscous_friction": 950.0}

@@ -17,9 +17,9 @@ import pytest
 from fdd.diagnosis.findings import FaultFinding
 from fdd.samples import Samples
 from fdd.service.blocks import Block
-from fdd.service.bus import Event
 from fdd.service.config import Serve
 from fdd.service.order import Order
+from fdd.service.queues import Event
 from fdd.service.service import Service
 from fdd.service.store import OutboxMessage, Store
 

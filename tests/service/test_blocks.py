@@ -17,8 +17,7 @@ from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.samples import Samples
 from fdd.service.blocks import Block, Decoder, encode_arrow, encode_json
-from fdd.service.bus import Bus, Event
-from fdd.service.inbox import Inbox
+from fdd.service.queues import Bus, Event, Inbox
 
 HEAD = {"schema": "fdd.block/1", "axis": "A1"}
 GOOD = {**HEAD, "sequence": 1, "time": [0.0, 0.1], "columns": {"position": [1, None]}}

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 from watched import RECEIVED, ROWS, blocks_of, disordered, fleet_of, leaking, made, passing, send, settle
 
-from fdd.service.backlog import Backlog
 from fdd.service.fleet import Fleet
 from fdd.service.store import Store, StoreTrouble
+from fdd.service.storing import Backlog
 from tests.service.senders import until
 from tests.service.servers import postgres_url
 
@@ -198,7 +198,7 @@ def test_what_a_stop_amid_a_trouble_left_untold_is_told_after_the_next_start(sto
     monkeypatch.setattr(Fleet, "resume", lambda self: None)
     for block in blocks[300:]:
         fleet.inbox.put(block)
-    for module in ("inbox", "fleet"):
+    for module in ("queues", "fleet"):
         monkeypatch.setattr(f"fdd.service.{module}.MOST_TAKEN", len(blocks))
     fleet.run(stop)
     monkeypatch.undo()

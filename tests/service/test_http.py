@@ -19,12 +19,12 @@ from jsonschema import Draft202012Validator
 
 from fdd.bounds import MAX_REQUEST_BYTES, MOST_LISTENERS
 from fdd.errors import InputError
-from fdd.service.bus import Event
 from fdd.service.config import Tls
+from fdd.service.http import Server
 from fdd.service.http.api import KEPT, Hub
-from fdd.service.http.app import Server
-from fdd.service.http.tokens import Caller, Tokens, new_token
+from fdd.service.queues import Event
 from fdd.service.store import StoreTrouble
+from fdd.service.tokens import Caller, Tokens, new_token
 from tests.service.fake import PAGE, World, bearer, client_of, made_up, on_a_port, service_of, three_tokens
 from tests.service.senders import certificate, until
 

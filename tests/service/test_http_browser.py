@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from fdd.service.bus import Event
+from fdd.service.queues import Event
 from fdd.service.status import Bands, Series
 from tests.service.fake import World, made_up, on_a_port, three_tokens
 from tests.service.senders import until

@@ -17,10 +17,10 @@ import pytest
 from fdd.service.blocks import Block, Decoder, encode_arrow, encode_json
 from fdd.service.config import MqttOutput
 from fdd.service.config_sources import MqttSource
-from fdd.service.outputs import targets
-from fdd.service.outputs.delivery import Undelivered
+from fdd.service.outputs import Undelivered, targets
 from fdd.service.outputs.targets import MqttPublisher
-from fdd.service.sources import Source, open_source
+from fdd.service.service import open_source
+from fdd.service.sources import Source
 from tests.service.senders import (
     Taker,
     a_block,

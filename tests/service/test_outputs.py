@@ -16,11 +16,10 @@ import pytest
 from pydantic import ValidationError
 
 from fdd.errors import InputError
-from fdd.service import config
-from fdd.service.bus import Bus, Event
-from fdd.service.outputs import delivery, targets
-from fdd.service.outputs.delivery import LONGEST_WAIT_S, MOST_ATTEMPTS, Target, Undelivered
+from fdd.service import config, outputs
+from fdd.service.outputs import LONGEST_WAIT_S, MOST_ATTEMPTS, Target, Undelivered, targets
 from fdd.service.outputs.targets import Outputs, Webhook
+from fdd.service.queues import Bus, Event
 from fdd.service.store import OutboxMessage, Store
 from reports.service import free_port
 from tests.service.senders import finding, message, sent, transition, until
@@ -75,7 +74,7 @@ def test_one_that_hangs_or_is_away_holds_up_no_other(store, stop, monkeypatch):
 def test_a_store_in_trouble_is_waited_for(store, stop, monkeypatch):
     taken: list[OutboxMessage] = []
     monkeypatch.setattr(Webhook, "deliver", lambda self, message: taken.append(message))
-    monkeypatch.setattr(delivery, "TROUBLE_S", 0.05)
+    monkeypatch.setattr(outputs, "TROUBLE_S", 0.05)
     made, name = made_of(store, Bus(), webhooks=(hook(QUICK),)), Webhook(hook(QUICK), store).name
     sent(store, "finding", {"axis": "A1", **finding()}, name)
 
@@ -118,8 +117,8 @@ def test_addresses_topics_and_secrets_that_cannot_be_used(store, tmp_path):
 @pytest.fixture
 def clock(monkeypatch) -> SimpleNamespace:
     made = SimpleNamespace(now=1000.0)
-    monkeypatch.setattr(delivery, "time", SimpleNamespace(monotonic=lambda: made.now))
-    monkeypatch.setattr(delivery, "random", SimpleNamespace(uniform=lambda low, high: high))
+    monkeypatch.setattr(outputs, "time", SimpleNamespace(monotonic=lambda: made.now))
+    monkeypatch.setattr(outputs, "random", SimpleNamespace(uniform=lambda low, high: high))
     return made
 
 
@@ -195,7 +194,7 @@ def test_while_the_target_is_down_nothing_is_given_up(store, clock):
 
 @pytest.mark.parametrize("final", [True, False])
 def test_what_will_never_arrive_is_given_up_and_the_next_goes_on(store, clock, monkeypatch, final):
-    monkeypatch.setattr(delivery, "MOST_ATTEMPTS", 1)
+    monkeypatch.setattr(outputs, "MOST_ATTEMPTS", 1)
     first, second = (sent(store, "alarm", transition(a), "t") for a in ("RAISED", "RETURNED"))
     error = Undelivered("400 not like this", final=True) if final else KeyError("axis")
     target = Moody(store, {first: [error]})

@@ -18,11 +18,11 @@ from prometheus_client.parser import text_string_to_metric_families as parse
 from fdd.bounds import MOST_AXES
 from fdd.logs import read_log
 from fdd.samples import Samples
-from fdd.service.bus import Bus, Event
 from fdd.service.config import Recording
+from fdd.service.outputs import UNITS, Metrics
 from fdd.service.outputs import recorder as recorder_module
-from fdd.service.outputs.metrics import UNITS, Metrics
 from fdd.service.outputs.recorder import Recorder, keep_within
+from fdd.service.queues import Bus, Event
 from fdd.service.status import AxisStatus
 from tests.service.senders import full_disk, measured, transition
 

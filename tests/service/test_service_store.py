@@ -25,7 +25,7 @@ from fdd.diagnosis.findings import FaultFinding
 from fdd.errors import InputError
 from fdd.service.alarms import Action, AlarmBook, Transition
 from fdd.service.store import Checkpoint, LeaseLost, Rollup, Store, StoreTrouble
-from fdd.service.store.records import unpacked
+from fdd.service.store.schema import unpacked
 from tests.service.senders import LEAK
 from tests.service.servers import postgres_url
 

@@ -17,7 +17,8 @@ from fdd.logs import read_log
 from fdd.samples import Samples
 from fdd.service.blocks import Decoder, encode_arrow, encode_json
 from fdd.service.config_sources import FolderSource, ReplaySource, TcpSource, UdpSource
-from fdd.service.sources import Source, open_source
+from fdd.service.service import open_source
+from fdd.service.sources import Source
 from tests.service.senders import Taker, a_block, ordered, until
 
 

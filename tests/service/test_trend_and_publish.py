@@ -14,9 +14,9 @@ from fdd.diagnosis.estimates import healthy_of
 from fdd.logs.tabular_writing import write_parquet
 from fdd.samples import Samples
 from fdd.service.alarms import AlarmBook
-from fdd.service.life import HEALTHY_LEAKAGE, LEAKAGE_FACTOR, profile_key, sentence_of
-from fdd.service.publishing import sendings
-from fdd.service.store import Rollup, Store
+from fdd.service.sources.mqtt import sendings
+from fdd.service.status import HEALTHY_LEAKAGE, LEAKAGE_FACTOR, sentence_of
+from fdd.service.store import Rollup, Store, profile_key
 from fdd.unit import Unit
 from reports.service import free_port
 from tests.service.senders import LEAK, ordered

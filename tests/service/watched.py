@@ -11,9 +11,9 @@ from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples
 from fdd.service.blocks import Block
-from fdd.service.bus import Bus
 from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
+from fdd.service.queues import Bus
 from fdd.service.store import Store
 from fdd.unit import Unit
 

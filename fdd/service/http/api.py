@@ -16,11 +16,10 @@ import fdd
 from fdd.bounds import MOST_LISTENERS
 from fdd.errors import InputError
 from fdd.service.alarms import LONGEST_SHELF_S, STANDING, STATES, Action, Alarm
-from fdd.service.bus import Bus, Subscription
-from fdd.service.http.tokens import LOCAL, Caller, Role
-from fdd.service.life import Each, sentence_of
-from fdd.service.status import AxisDetail, AxisStatus
+from fdd.service.queues import Bus, Subscription
+from fdd.service.status import AxisDetail, AxisStatus, Each, sentence_of
 from fdd.service.store import StoreTrouble
+from fdd.service.tokens import LOCAL, Caller, Role
 
 if TYPE_CHECKING:
     from fdd.service.service import Service

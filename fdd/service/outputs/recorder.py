@@ -22,8 +22,8 @@ from fdd.errors import InputError
 from fdd.files import require_writable, written
 from fdd.logs.mcap_writing import write_annotated
 from fdd.samples import Samples
-from fdd.service.bus import Bus, Event
 from fdd.service.config import Recording
+from fdd.service.queues import Bus, Event
 from fdd.service.status import FRESH_S
 from fdd.unit import Unit
 

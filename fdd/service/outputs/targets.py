@@ -22,10 +22,10 @@ from paho.mqtt.client import MQTTMessageInfo
 from fdd import __version__
 from fdd.service import config
 from fdd.service.alarms import STANDING
-from fdd.service.bus import Bus
 from fdd.service.config_sources import read_secret
-from fdd.service.outputs.delivery import KINDS, Target, Undelivered
+from fdd.service.outputs import KINDS, Target, Undelivered
 from fdd.service.outputs.recorder import Recorder
+from fdd.service.queues import Bus
 from fdd.service.store import OutboxMessage, Store
 from fdd.service.storing import Targets
 

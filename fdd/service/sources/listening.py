@@ -15,7 +15,7 @@ from fdd.monitor.stream import split_lines
 from fdd.samples import Samples
 from fdd.service.blocks import ARROW_START, Block, Decoder, axis_name, json_object
 from fdd.service.config_sources import TcpSource, UdpSource, bound_socket
-from fdd.service.sources.source import Source, Window
+from fdd.service.sources import Source, Window
 
 GATHERED_S = 0.1
 """s for which single samples are gathered to a block."""
@@ -35,9 +35,8 @@ class Listener(Source[Config]):
         self._open = set[socket.socket]()
 
     def _bound(self, kind: socket.SocketKind) -> socket.socket:
-        config = self._config
-        where = f"{config.type} {config.host}:{config.port}"
-        bound = bound_socket(config.host, config.port, where, "name a free port", kind)
+        host, port = self._config.host, self._config.port
+        bound = bound_socket(host, port, f"{self._config.type} {host}:{port}", "name a free port", kind)
         bound.settimeout(GATHERED_S)
         self._set(port=bound.getsockname()[1])
         return bound
@@ -48,9 +47,7 @@ class _Feed:
 
     def __init__(self, source: Listener[Any], stop: threading.Event, window: Window | None = None) -> None:
         self._source, self._stop, self._window = source, stop, window
-        self._more: dict[str, Any] = {}
-        if window is not None:
-            self._more = {"patient": True, "accepted": window.accepted}
+        self._more: dict[str, Any] = {} if window is None else {"patient": True, "accepted": window.accepted}
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._pending, self._since = 0, time.monotonic()
 
@@ -69,7 +66,7 @@ class _Feed:
                         break
                     tail = self._lines(tail, chunk)
                     heard = time.monotonic()
-                self.flush_if_due()
+                self.flush(if_due=True)
             return False
         finally:
             self._lines(tail, b"", ended=True)
@@ -113,16 +110,12 @@ class _Feed:
             self._since = time.monotonic()
         self._rows.setdefault(axis, []).append(sample)
         self._pending += 1
-        self.flush_if_due()
+        self.flush(if_due=True)
 
-    def flush_if_due(self) -> None:
-        """Give the samples that were gathered long enough, or are many."""
-        due = time.monotonic() - self._since >= GATHERED_S or self._pending >= MOST_PENDING
-        if self._pending and due:
-            self.flush()
-
-    def flush(self) -> None:
-        """Give all samples that were gathered."""
+    def flush(self, *, if_due: bool = False) -> None:
+        """Give the samples that were gathered; with `if_due` where it was long enough, or they are many."""
+        if if_due and time.monotonic() - self._since < GATHERED_S and self._pending < MOST_PENDING:
+            return
         rows, self._rows, self._pending = self._rows, {}, 0
         for axis, samples in rows.items():
             try:
@@ -216,5 +209,5 @@ class Datagrams(Listener[UdpSource]):
                     pass
                 except OSError as error:  # told of a peer that is gone, on some systems
                     self._told(f"datagram lost ({error.strerror or error})")
-                feed.flush_if_due()
+                feed.flush(if_due=True)
         feed.flush()

@@ -20,7 +20,7 @@ from fdd.monitor import Replay, WallClock
 from fdd.samples import Samples
 from fdd.service.blocks import axis_name
 from fdd.service.config_sources import FolderSource, ReplaySource
-from fdd.service.sources.source import Source, Window
+from fdd.service.sources import Source, Window
 
 NOTE = ".fdd-done.json"
 AT_REST_S = 2.0
@@ -92,8 +92,8 @@ class Folder(Source[FolderSource]):
     def status(self) -> dict[str, Any]:
         """How it stands; `files` read whole, `bad_files` that could not be."""
         files = list(self._note.files.values())
-        bad = sum(f.error is not None for f in files)
-        return {**super().status(), "files": sum(f.whole for f in files), "bad_files": bad}
+        whole, bad = sum(f.whole for f in files), sum(f.error is not None for f in files)
+        return {**super().status(), "files": whole, "bad_files": bad}
 
     def _watch(self, stop: threading.Event) -> None:
         while not stop.is_set():
@@ -211,7 +211,7 @@ class Replays(Source[ReplaySource]):
     def _ended(self) -> None:
         with self._lock:
             self._running -= 1
-        self._set(connected=self._running > 0)
+            self._state["connected"] = self._running > 0
 
     def _play(self, axis: str, path: Path, stop: threading.Event) -> None:
         samples = read_log(path, self._map).samples

@@ -1,7 +1,9 @@
-"""Where blocks of all axes wait for the fleet: bounded, fair, and what is dropped is counted.
+"""Queues between the threads of the service: blocks wait for the fleet, events for whom they are told.
 
-Under overload a sender that can wait is made to wait: its block is neither taken nor accepted before there is
-room. Of one that cannot (UDP) the oldest blocks of the axis that lags most go.
+Blocks wait in the inbox of all axes: bounded, fair, and what is dropped is counted. Under overload a sender
+that can wait is made to wait: its block is neither taken nor accepted before there is room. Of one that
+cannot (UDP) the oldest blocks of the axis that lags most go. Events go over the bus: publishers never wait,
+slow subscribers lose the oldest.
 """
 
 from __future__ import annotations
@@ -9,8 +11,9 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from typing import Any, Literal
 
 from fdd.bounds import MOST_AXES
 from fdd.errors import InputError
@@ -22,6 +25,11 @@ _BLOCK_BYTES = 1000
 """What a block takes besides its numbers."""
 _TOLD_S = 20.0
 """For which a loss is told as a problem."""
+Kind = Literal["finding", "alarm", "status", "axis", "samples"]
+TOLD: tuple[Kind, ...] = ("finding", "alarm", "status", "axis")
+"""All that is told to the outside as it is; `samples` are an axis's next ones, with its unit."""
+MOST_EVENTS = 1000
+"""That wait for a subscriber."""
 
 
 def named(axes: Sequence[str]) -> str:
@@ -113,11 +121,9 @@ class Inbox:
             now = time.monotonic()
             lost = sorted(a for a, q in self._queues.items() if now - q.dropped_at < _TOLD_S)
             late = sorted(a for a, q in self._queues.items() if q.seconds > self._most_seconds)
-        told = (
-            (lost, "overloaded: the oldest samples are dropped of"),
-            (late, f"overloaded: senders wait, more than {self._most_seconds:g} s behind are"),
-        )
-        return [f"{text} {named(axes)}" for axes, text in told if axes]
+        dropped = "overloaded: the oldest samples are dropped of"
+        behind = f"overloaded: senders wait, more than {self._most_seconds:g} s behind are"
+        return [f"{text} {named(axes)}" for text, axes in ((dropped, lost), (behind, late)) if axes]
 
     def take(self, timeout: float) -> list[Block]:
         """Blocks in the order they came, in turn of each axis that has any; [] where none came in time, s."""
@@ -161,3 +167,54 @@ class Inbox:
             self._waiting.remove(axis)
         queue.dropped += len(block.samples)
         queue.dropped_at = time.monotonic()
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something happened at `time` (s of the stream's clock); data is JSON-able but for that of `samples`,
+    and nobody changes it."""
+
+    kind: Kind
+    axis: str
+    time: float
+    data: dict[str, Any]
+
+
+class Subscription:
+    """One subscriber's queue; `Bus.subscribe` makes it. `lost` events were dropped, not taken in time."""
+
+    def __init__(self, bus: Bus, kinds: Collection[Kind], most: int) -> None:
+        self._bus, self._kinds, self._events = bus, kinds, deque[Event](maxlen=most)
+        self._news, self.lost = threading.Condition(), 0
+
+    def get(self, timeout: float = 0.0) -> Event | None:
+        """The oldest event, or None when none came within `timeout` s."""
+        with self._news:
+            self._news.wait_for(lambda: self._events, timeout)
+            return self._events.popleft() if self._events else None
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._bus._subscriptions.discard(self)
+
+
+class Bus:
+    """Publish and subscribe, from any thread."""
+
+    def __init__(self) -> None:
+        self._subscriptions: set[Subscription] = set()
+
+    def subscribe(self, kinds: Collection[Kind] = TOLD, most: int = MOST_EVENTS) -> Subscription:
+        """A queue of what is published from now on of some kinds."""
+        subscription = Subscription(self, kinds, most)
+        self._subscriptions.add(subscription)
+        return subscription
+
+    def publish(self, event: Event) -> None:
+        """Tell all subscribers; never waits for one."""
+        for one in self._subscriptions.copy():
+            if event.kind in one._kinds:
+                with one._news:
+                    one.lost += len(one._events) == one._events.maxlen
+                    one._events.append(event)
+                    one._news.notify()
