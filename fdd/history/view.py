@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
-from fdd.history.answers import Comparison, EstimateChange, Life
-from fdd.history.compare import NO_CHANGE
-from fdd.history.signals import Spectrum
+from fdd.history import Comparison, EstimateChange, Life
+from fdd.history.compare import NO_CHANGE, Spectrum
 from fdd.history.trend import Course
 from fdd.report import traces as tr
 from fdd.report.overview import cell
