@@ -15,9 +15,9 @@ import fdd
 from fdd.diagnosis.baseline import BASELINE_VERSION, add_baseline, baseline_of, histories_of
 from fdd.errors import InputError
 from fdd.files import sha256_of
+from fdd.identification import Identification, TableRow
 from fdd.identification.identify import identify_unit
 from fdd.identification.judgement import Judgement, judge
-from fdd.identification.profile import Identification, TableRow
 from fdd.logs import ChannelMap, Log, read_log
 from fdd.progress import Progress, unseen
 from fdd.residuals.balances import BALANCES

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance, zero_std
+from fdd.identification import Estimate, Identification
+from fdd.identification.balance import LEAST_ROWS, BalanceFit, fit_balance, zero_std
 from fdd.identification.friction import fit_friction
-from fdd.identification.profile import Identification
 from fdd.identification.record import Record, even_record
 from fdd.identification.sensors import fit_sensors, fit_torque_constant, gain_mismatch, redundancy_offset
 from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump

@@ -13,8 +13,8 @@ from scipy.special import chdtrc, chdtri
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.faults import fault
+from fdd.identification import WORDS, Identification, Ratio, against_base
 from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
-from fdd.identification.profile import WORDS, Identification, Ratio, against_base
 from fdd.identification.signs import NEAR, UNLIKE, gain_slips, slips
 from fdd.measures import MEASURES
 from fdd.samples import Samples

@@ -12,8 +12,7 @@ from math import exp, log
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.identification import signs
-from fdd.identification.profile import Ratio
+from fdd.identification import Ratio, signs
 from fdd.identification.record import LEAST_TRAVEL, Record, even_record
 from fdd.identification.sensors import LEAST_ZERO, fit_sensors
 from fdd.logs.quality import nominal_period

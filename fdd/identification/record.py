@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
+from fdd.identification import Array
 from fdd.logs.conversion import accumulate_speed
 from fdd.logs.quality import sample_numbers
 from fdd.residuals.hidden_pressures import chambers_from_difference
 from fdd.samples import PRESSURES, Samples, missing_required
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 SHORTEST = 5.0
 """s of log."""

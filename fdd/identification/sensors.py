@@ -4,13 +4,10 @@ motor by its current: the torque constant, against the pump's load torque in slo
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fdd.identification.least_squares import Estimate, jackknife_std
+from fdd.identification import Array, Estimate, jackknife_std
 from fdd.identification.record import Record
 from fdd.samples import PRESSURES, Samples
-
-Array = NDArray[np.float64]
 
 SEGMENT = 0.5
 """s, over which a spectrum is taken."""

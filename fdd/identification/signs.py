@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.identification.least_squares import huber, jackknife_std
+from fdd.identification import Array, huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.measures import MEASURES
 from fdd.samples import Samples
 from fdd.tolerances import RELIEF_SHUT
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 MOST_GAIN_CHANGE = 3.0
 """Factor between the logs' and the base's gain beyond which one of the two is wrong."""

@@ -21,13 +21,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fdd.identification.balance import OVERLAP, Estimate, fit_theta
+from fdd.identification import Estimate
+from fdd.identification.balance import OVERLAP, fit_theta
 from fdd.identification.volume_steps import LogBalances, Term
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 ROUNDS = 4
 PRIOR_GAIN, PRIOR_SPLIT = 0.5, 0.15
