@@ -115,7 +115,7 @@ def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = Fals
 
     Raises InputError: a measured difference is not that of the chambers.
     """
-    if record.has_difference and record.chambers_measured:
+    if record.redundant:
         ratio = _slope(record, record.pressure_1 - record.pressure_2, record.difference)
         if ratio is not None:
             problem = f"pressure_difference is {ratio:.3g} times pressure_1 - pressure_2"

@@ -28,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.identification import Array
-from fdd.identification.record import Record
-from fdd.identification.sensors import effective_noise
+from fdd.identification.record import Record, effective_noise
 from fdd.residuals.oil import air_compliance, free_air, stiff_compliance, viscosity
 from fdd.residuals.quantities import PILOT, outlet_loss
 from fdd.unit import Oil, Unit

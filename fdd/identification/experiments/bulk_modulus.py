@@ -12,10 +12,9 @@ import numpy as np
 from fdd.identification import Array, Identification, jackknife_std
 from fdd.identification.balance import LEAST_AIR
 from fdd.identification.experiments import NORMAL_95, Outcome, axes, cloud, curve_line, figure
-from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hydraulics
+from fdd.identification.hydraulics import BULK_SHARP, LEAST_SIGNAL, VOLUME_SPREAD, Hydraulics, hydraulics
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import REFEED_MARGIN, SMOOTHING, STEPS, Term, scales
-from fdd.identification.volumes import VOLUME_SPREAD
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
 from fdd.report.words import listed

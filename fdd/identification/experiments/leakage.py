@@ -11,9 +11,8 @@ from scipy.stats import t as student
 from fdd.identification import Array, huber, jackknife_std
 from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
 from fdd.identification.experiments import NORMAL_95, Outcome, axes, cloud, curve_line, points
-from fdd.identification.identify import LEAKAGE_SHARP
-from fdd.identification.record import Record
-from fdd.identification.sensors import redundancy_offset
+from fdd.identification.hydraulics import LEAKAGE_SHARP
+from fdd.identification.record import Record, redundancy_offset
 from fdd.identification.volume_steps import BLOCK, STEPS, LogBalances, Term, VolumeSteps, scales
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
