@@ -315,8 +315,8 @@ def fit_sensors(logs: list[Samples], records: list[Record]) -> dict[str, dict[st
         # NaN are dropped, not bridged: a bridge is free of noise.
         columns = [log[channel][np.isfinite(log[channel])] for log in logs if channel in log]
         pump = channel.startswith("pump")
-        noise = None if pump else _lowest([effective_noise(c, records[0].period) for c in columns])
-        step = _lowest([resolution(c) for c in columns])
+        noise = None if pump else lowest([effective_noise(c, records[0].period) for c in columns])
+        step = lowest([resolution(c) for c in columns])
         fit = fits[channel] = {}
         if noise is not None:
             # Rounding adds its own noise to the measured density; the profile lists it apart.
@@ -331,5 +331,6 @@ def fit_sensors(logs: list[Samples], records: list[Record]) -> dict[str, dict[st
     return {c: f for c, f in fits.items() if f}
 
 
-def _lowest(values: list[float | None]) -> float | None:
+def lowest(values: list[float | None]) -> float | None:
+    """The least of what the logs told, None where none did."""
     return min((v for v in values if v is not None), default=None)
