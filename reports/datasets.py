@@ -23,9 +23,9 @@ from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
+from fdd.identification import Identification
 from fdd.identification.from_logs import identify_logs
 from fdd.identification.log_scales import check_scales, difference_is_made
-from fdd.identification.profile import Identification
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.oil import modulus_at, viscosity

@@ -16,9 +16,9 @@ from fdd.cli.options import argument, option, require_outputs, write_json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from fdd.identification.experiments.outcome import Outcome
+    from fdd.identification import Identification, TableRow
+    from fdd.identification.experiments import Outcome
     from fdd.identification.from_logs import Identified
-    from fdd.identification.profile import Identification, TableRow
     from fdd.identification.record import Record
 
 Experiment = Literal["frequency-response", "friction", "leakage", "gain", "bulk-modulus"]
@@ -92,7 +92,7 @@ def _as_data(made: Identified) -> dict[str, Any]:
 
 def _physics_table(found: Identification, *, sensors: bool, notes: bool) -> Table:
     from fdd.cli.console import NARROW, grid
-    from fdd.identification.experiments.outcome import NORMAL_95, SHOWN
+    from fdd.identification.experiments import NORMAL_95, SHOWN
 
     numbers = ("before", "after", "± (95 %)")
     heads, shape = ("quantity", *numbers, "unit", ""), {"collapse_padding": True, **NARROW}

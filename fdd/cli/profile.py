@@ -12,8 +12,8 @@ from fdd.errors import InputError
 from fdd.files import require_writable
 
 if TYPE_CHECKING:
-    from fdd.data_sheet.answers import Answers, Question
     from fdd.data_sheet.plausibility import Remark
+    from fdd.data_sheet.profile import Answers, Question
     from fdd.unit import Unit
 
 app = typer.Typer(help="A base profile typed from a data sheet.", no_args_is_help=True)
@@ -33,8 +33,8 @@ def new(
     """
     require_writable(out)
 
-    from fdd.data_sheet.answers import read_answers
     from fdd.data_sheet.plausibility import require_plausible
+    from fdd.data_sheet.profile import read_answers
     from fdd.unit import Unit
 
     if answers is None:
@@ -60,7 +60,7 @@ def check(profile: Annotated[str, argument("A YAML file or a shipped profile.", 
 
 
 def _asked_profile() -> tuple[Unit, list[Remark]]:
-    from fdd.data_sheet.answers import QUESTIONS, Answers
+    from fdd.data_sheet.profile import QUESTIONS, Answers
 
     print("Write numbers with their unit, e.g. 26 MPa. Return takes what is assumed, where that is said.")
     given: dict[str, Any] = {"name": typer.prompt("Name of the profile", err=True)}
@@ -81,7 +81,7 @@ def _asked_profile() -> tuple[Unit, list[Remark]]:
 
 
 def _asked(question: Question, before: str | None = None) -> str | None:
-    from fdd.data_sheet.answers import parsed
+    from fdd.data_sheet.profile import parsed
 
     default = before or question.assumed
     hint = f"{question.unit}; assumed: {question.assumed}" if question.assumed else question.unit

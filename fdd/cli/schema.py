@@ -11,8 +11,8 @@ from fdd.cli.options import argument
 Kind = Literal["diagnosis", "comparison", "trend", "map", "profile", "recipe", "serve"]
 MODELS: dict[Kind, str] = {
     "diagnosis": "fdd.diagnosis.findings:Diagnosis",
-    "comparison": "fdd.history.answers:Comparison",
-    "trend": "fdd.history.answers:Life",
+    "comparison": "fdd.history:Comparison",
+    "trend": "fdd.history:Life",
     "map": "fdd.logs:ChannelMap",
     "profile": "fdd.unit:Unit",
     "recipe": "fdd.campaign.recipe:Recipe",

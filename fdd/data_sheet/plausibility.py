@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from fdd.data_sheet.answers import QUESTIONS
+from fdd.data_sheet.profile import QUESTIONS
 from fdd.errors import InputError
 from fdd.unit import Unit
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE
-from fdd.history.answers import Life, Point, Trend, TrendLog
+from fdd.history import Life, Point, Trend, TrendLog
 from fdd.history.compare import BETWEEN, LEVEL, seen
 from fdd.history.line import fit_over_time, holm
 from fdd.report.words import fault_title

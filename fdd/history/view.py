@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
-from fdd.history.answers import Comparison, EstimateChange, Life
-from fdd.history.compare import NO_CHANGE
-from fdd.history.signals import Spectrum
+from fdd.history import Comparison, EstimateChange, Life
+from fdd.history.compare import NO_CHANGE, Spectrum
 from fdd.history.trend import Course
 from fdd.report import traces as tr
 from fdd.report.overview import cell
@@ -131,22 +130,17 @@ def trend_sheet(life: Life, courses: Sequence[Course]) -> Sheet:
     """The page of a unit's life."""
     told = any(t.direction for t in life.trends) or any(log.faults for log in life.logs)
     fitted = any(t.slope is not None for t in life.trends)
-    return Sheet(
-        kicker=f"Unit {life.unit}, axis {life.axis}, {len(life.logs)} {life.each}s",
-        headline=life.headline,
-        kind="faulty" if told else "healthy" if fitted else "inconclusive",
-        remarks=life.notes,
-        tables=_trend_tables(life),
-        sections=[
-            Section(
-                "Estimates over time",
-                "As factors of the profile's healthy value, temperature taken out as told. Bars: 95 % of "
-                f"each {life.each} alone, with what all of the unit err by together. Band: 95 % of the line. "
-                f"Diamonds: {life.each}s with an alarm.",
-                [_course_figure(c, life) for c in courses],
-            )
-        ],
+    how = (
+        "As factors of the profile's healthy value, temperature taken out as told. Bars: 95 % of "
+        f"each {life.each} alone, with what all of the unit err by together. Band: 95 % of the line. "
+        f"Diamonds: {life.each}s with an alarm."
     )
+    return Sheet(
+        kicker=f"Unit {life.unit}, axis {life.axis}, {len(life.logs)} {life.each}s", headline=life.headline,
+        kind="faulty" if told else "healthy" if fitted else "inconclusive",
+        remarks=life.notes, tables=_trend_tables(life),
+        sections=[Section("Estimates over time", how, [_course_figure(c, life) for c in courses])],
+    )  # fmt: skip
 
 
 def _trend_tables(life: Life) -> list[Table]:
@@ -159,14 +153,11 @@ def _trend_tables(life: Life) -> list[Table]:
     values = {t.quantity: {p.log: with_std(p.value, p.std) for p in t.points} for t in life.trends}
     titles = [ESTIMATED[name][2] for name in values]
     logs = [
-        (
-            x.log,
-            NOTHING if x.started_at is None else x.started_at[:16].replace("T", " "),
-            x.left_out or ": ".join([x.verdict, *filter(None, [", ".join(map(fault_title, x.faults))])]),
-            *(v.get(x.log, NOTHING) for v in values.values()),
-        )
+        (x.log, NOTHING if x.started_at is None else x.started_at[:16].replace("T", " "),
+         x.left_out or ": ".join([x.verdict, *filter(None, [", ".join(map(fault_title, x.faults))])]),
+         *(v.get(x.log, NOTHING) for v in values.values()))
         for x in life.logs
-    ]
+    ]  # fmt: skip
     logs_title, spread = f"{life.each.capitalize()}s", f"Std of {life.each}s"
     heads = ("Quantity", logs_title, "Temperature", spread, "First", "Last", "p (Holm)", "Trend")
     return [

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from fdd.identification.least_squares import Estimate, jackknife_std
+from fdd.identification import Array, Estimate, jackknife_std
 from fdd.identification.volume_steps import LogBalances, Term, VolumeSteps, scales
 from fdd.residuals.oil import air_compliance, modulus_at
 from fdd.tolerances import TOLERANCES, tolerance
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 LEAST_AIR = 2e-4
 MOST_AIR = 0.15

@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from fdd.identification.least_squares import Estimate, huber, jackknife_std
+from fdd.identification import Array, Estimate, huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.unit import Cylinder, Friction, FrictionBranch
-
-Array = NDArray[np.float64]
 
 WINDOW = 0.04
 """s, over which force and velocity are averaged."""

@@ -16,9 +16,9 @@ from fdd.diagnosis.baseline import BASELINE_VERSION, add_baseline, baseline_of, 
 from fdd.engines import Progress, unseen
 from fdd.errors import InputError
 from fdd.files import sha256_of
+from fdd.identification import Identification, TableRow
 from fdd.identification.identify import identify_unit
 from fdd.identification.judgement import Judgement, judge
-from fdd.identification.profile import Identification, TableRow
 from fdd.logs import ChannelMap, Log, read_log
 from fdd.residuals.balances import BALANCES
 from fdd.samples import Samples
@@ -48,14 +48,10 @@ class Identified:
 
 def identify(
     logs: Sequence[str | Path | Log | Samples] | str | Path | Log | Samples,
-    base: Unit | str | Path = "axis_a",
-    map: ChannelMap | str | Path | None = None,
-    *,
-    add: Unit | str | Path | None = None,
-    axis: str | None = None,
-    name: str | None = None,
+    base: Unit | str | Path = "axis_a", map: ChannelMap | str | Path | None = None, *,
+    add: Unit | str | Path | None = None, axis: str | None = None, name: str | None = None,
     accept: bool = False,
-) -> Unit:
+) -> Unit:  # fmt: skip
     """Identify a unit from its healthy logs, so that its own spread is no fault.
 
     The same as ``fdd identify``. What a user must know of the profile stands in its ``origin.limits``.
@@ -88,16 +84,10 @@ def identify(
 
 
 def identify_logs(
-    logs: Sequence[str | Path | Log | Samples],
-    base: Unit | str | Path,
-    map: ChannelMap | str | Path | None = None,
-    *,
-    add: Unit | str | Path | None = None,
-    axis: str | None = None,
-    name: str | None = None,
-    accept: bool = False,
-    progress: Progress = unseen,
-) -> Identified:
+    logs: Sequence[str | Path | Log | Samples], base: Unit | str | Path,
+    map: ChannelMap | str | Path | None = None, *, add: Unit | str | Path | None = None,
+    axis: str | None = None, name: str | None = None, accept: bool = False, progress: Progress = unseen,
+) -> Identified:  # fmt: skip
     """As `identify`, with everything behind the profile; `progress` is told of the stages."""
     given, more = base if add is None else add, add is not None
     profile = given if isinstance(given, Unit) else Unit.load(given)

@@ -3,44 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.identification.balance import LEAST_ROWS, BalanceFit, Estimate, fit_balance, zero_std
+from fdd.identification import Array, Estimate, Identification, jackknife_std
+from fdd.identification.balance import zero_std
 from fdd.identification.friction import fit_friction
-from fdd.identification.profile import Identification
-from fdd.identification.record import Record, even_record
-from fdd.identification.sensors import fit_sensors, fit_torque_constant, gain_mismatch, redundancy_offset
-from fdd.identification.signs import MOST_GAIN_CHANGE, check_gain, check_pressure_signs, check_pump
-from fdd.identification.volume_steps import SMOOTHING, LogBalances, VolumeSteps, keeps_trapped_oil
-from fdd.identification.volumes import VolumeFit, fit_volumes
+from fdd.identification.hydraulics import hydraulics
+from fdd.identification.record import Record, even_record, fit_sensors, redundancy_offset
+from fdd.identification.signs import check_gain, check_pressure_signs, check_pump
 from fdd.samples import Samples
-from fdd.sections import Provenance
 from fdd.tolerances import tolerance
 from fdd.unit import Unit
 
 LEAST_REST = 0.5
 """s of standstill that a charge pressure needs."""
-RELIEF_EXCEEDED, RELIEF_CLEARANCE, RELIEF_IMPOSSIBLE = 1.15, 1.2, 30.0
-"""Times the base's relief setting: it cannot be this unit's; times the pressure reached: where it is put;
-times the setting again: no valve of any such actuator, from 1 to 35 MPa, holds that."""
-LEAKAGE_SHARP, BULK_SHARP = 0.25, 0.25
-"""Relative standard deviation up to which an estimate replaces the base's number."""
-GAIN_SHARP = 0.5
-"""Of what the base leaves open: up to there the logs tell the travel per rad better than the base."""
-LEAST_SIGNAL = 1.5
-"""Of pressure changes over noise, from which compression is believed."""
-LEAST_LEAKAGE = 5e-3
-"""Of the base's leakage; less than that is the fit's bound, not a pump's."""
-SURPRISING = 4.0
-"""Factor from the base that a note is worth."""
-HIDDEN_LEAKAGE, HIDDEN_CASE = 0.03, 0.25
-"""Relative standard deviations to add where the chambers' pressures are reconstructed."""
-HIDDEN_BULK = (0.10, 0.22, 0.35)
-"""The same of bulk modulus: beside a measured accumulator; without one, when what lifts the chambers is
-guessed; for a rod on one side, whose piloted valves nobody knows either. On simulated units."""
+WINDOW = 0.1
+"""s over which currents and pressures are averaged."""
+LEAST_WINDOWS = 60
+SLOW = 400.0
+"""rad/s²: above it the rotor's inertia would hide the load torque."""
+LEAST_RANGE = 0.3
+"""N·m of load torque that must be covered."""
+WELL_DETERMINED = 0.03
+GEAR_FRICTION = (0.05, 0.03)
+"""Torque by which the load rubs in gears and bearings, over D·Δp, with its standard deviation: catalogues
+give gear pumps 85 to 95 % of their torque, about half of the loss being this (McCandlish and Dorey)."""
+GAINS = 0.005
+"""Of the sensors of current and pressures, relative: catalogues allow 0.5 % each."""
+BLOCK = 20
+"""Windows, 2 s: residuals nearer than that are one."""
+_GROUPS = 10
 
 
 def identify_unit(
@@ -58,7 +52,7 @@ def identify_unit(
     logs : one or more healthy logs of the same unit, at least 5 s each, with position, pump_angle or
         pump_speed, and pressure_difference or both chamber pressures.
     base : profile of a similar unit; its area_1 is taken as true, and its volumes where strokes are too
-        short to tell them (see `fdd.identification.volumes`).
+        short to tell them (see `fdd.identification.hydraulics`).
     name : of the new profile; by default the base's with ``_identified``.
     labels : what errors call the logs, one each.
 
@@ -88,7 +82,7 @@ def identify_unit(
     _friction(out, records)
     for channel, fit in fit_sensors(list(logs), records).items():
         out.put_sensor(channel, fit)
-    mismatch = gain_mismatch(records)
+    mismatch = _gain_mismatch(records)
     if mismatch is not None and abs(mismatch) > 5e-3:
         out.notes.append(
             f"pressure_difference reads {100 * mismatch:+.1f} % of the chambers' difference off in gain; "
@@ -100,204 +94,6 @@ def identify_unit(
     else:
         out.put("drive.torque_constant", constant, why)
     return out
-
-
-@dataclass(frozen=True)
-class Hydraulics:
-    """The balances' fit, its rows, and the base that they are counted with, as the logs changed it.
-
-    `bulk_modulus` and `air_fraction` are the fit's with what volumes and reconstructed pressures leave open;
-    `volumes_found` is False where the volumes stay the base's, whose own uncertainty is not in them.
-    """
-
-    logs: LogBalances
-    base: Unit
-    steps: VolumeSteps
-    fit: BalanceFit
-    bulk_modulus: Estimate
-    air_fraction: Estimate
-    volumes_found: bool
-
-
-def hydraulics(
-    out: Identification, records: list[Record], pressure: float | None = None
-) -> Hydraulics | None:
-    """Put displacement, leakage, volumes and compressibility into a profile; None for too few steps.
-
-    Compressibility is referred to `pressure` (Pa), by default the logs' usual one.
-
-    Raises InputError: a gain or pressures that cannot be this unit's.
-    """
-    base = _with_relief(out, records)
-    logs = LogBalances(records, pressure)
-    if not base.cylinder.needs_pilots and any(keeps_trapped_oil(r, base, logs.noise) for r in records):
-        base = base.model_copy(deep=True)
-        base.accumulator.refeed_pilots = False
-        why = "the lower chamber keeps its oil under a higher one"
-        out.decide("accumulator.refeed_pilots", False, why)
-    hidden = not all(r.chambers_measured for r in records)
-    volumes = None
-    if not hidden:  # a reconstructed pressure tells as much of its own model as of the volumes
-        base, volumes = _with_volumes(out, logs, base)
-    steps = logs.steps(base)
-    # Who measures two of the four pressures sees one loss, p1 - p2 or p1 - p_case: they hardly differ.
-    told = all(r.accumulator_measured for r in records)
-    fit = fit_balance(logs, steps, base, split=told and not hidden, hidden=hidden)
-    if fit is None:
-        why = "too few steps in which a chamber stays above the accumulator while it moves"
-        _keep_gain(out, why)
-        for path in ("pump.cross_port_leakage", "oil.bulk_modulus"):
-            out.keep(path, why)
-        return None
-    _put_gain(out, fit)
-    _put_leakage(out, fit, logs.temperature, hidden)
-    blurred = HIDDEN_BULK[0 if told else 2 if base.cylinder.needs_pilots else 1] if hidden else 0.0
-    of_volume = volumes.gain.relative if volumes is not None and volumes.of_volume else 0.0
-    # The balance knows volume over bulk modulus: what the volume is uncertain by, this is too.
-    found = Hydraulics(
-        logs, base, steps, fit,
-        fit.bulk_modulus.wider(float(np.hypot(blurred, of_volume))),
-        fit.air_fraction.wider(float(np.hypot(0.5 if hidden else 0.0, of_volume))),
-        volumes_found=of_volume > 0.0,
-    )  # fmt: skip
-    _put_compressibility(out, found)
-    if hidden:
-        out.notes.append(
-            "chamber pressures are not measured: they were reconstructed from their difference and the "
-            "refeeding valves, which leaves bulk modulus and air uncertain by 10 % and more"
-        )
-    return found
-
-
-def _with_relief(out: Identification, records: list[Record]) -> Unit:
-    """The base, its relief valve set above what healthy logs reach."""
-    reached = max(
-        float(np.quantile(np.abs(r.smooth(r.pressure_1 - r.pressure_2, SMOOTHING)), 0.995)) for r in records
-    )
-    setting = out.base.accumulator.relief_pressure
-    if reached < RELIEF_EXCEEDED * setting:
-        return out.base
-    if reached > RELIEF_IMPOSSIBLE * setting:
-        valve = f"the relief valve of base {out.base.name} opens at {setting / 1e5:.3g} bar"
-        problem = f"pressure differences reach {reached / 1e5:.3g} bar, {valve}"
-        raise InputError(problem, mend="check the pressures' unit in the channel map")
-    value = RELIEF_CLEARANCE * reached
-    why = f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that"
-    out.put("accumulator.relief_pressure", Estimate(value, 0.2 * value), why)
-    out.notes.append(
-        f"the logs reach {reached / 1e5:.1f} bar, beyond the base's relief setting of "
-        f"{setting / 1e5:.1f} bar: it was raised"
-    )
-    base = out.base.model_copy(deep=True)
-    base.accumulator.relief_pressure = value
-    return base
-
-
-def _with_volumes(out: Identification, logs: LogBalances, base: Unit) -> tuple[Unit, VolumeFit | None]:
-    """The base with the chambers' volumes, where strokes tell them; both pressures are measured."""
-    steps = logs.steps(base)
-    if steps.y.size < LEAST_ROWS or len(np.unique(steps.chamber)) < 2:
-        return base, None
-    fit = fit_volumes(logs, base)
-    if fit is None:
-        out.notes.append(
-            "the chambers' volumes stay the base's: compliance against position does not tell them"
-        )
-        return base, None
-    base = fit.applied(base)
-    cylinder, gain = base.cylinder, fit.gain
-    share = float(np.hypot(gain.relative if fit.of_volume else 0.0, fit.split.std))
-    for name in ("volume_1", "volume_2"):
-        value = float(getattr(cylinder, name))
-        out.put(f"cylinder.{name}", Estimate(value, share * value), "from compliance against position")
-    if not fit.of_volume:
-        compliance = Estimate(cylinder.position_compliance, gain.relative * cylinder.position_compliance)
-        why = "no dead volume explains this: the mean volume stays the base's"
-        out.put("cylinder.position_compliance", compliance, why)
-    return base, fit
-
-
-def _put_gain(out: Identification, fit: BalanceFit) -> None:
-    ratio = fit.displacement.value / out.base.pump.displacement
-    if not 1.0 / MOST_GAIN_CHANGE < ratio < MOST_GAIN_CHANGE:
-        problem = f"the volume balances give {ratio:.3g} times the displacement of base {out.base.name}"
-        mend = "check units and signs in the channel map, or give a fitting base profile"
-        raise InputError(problem, mend=mend)
-    sharp = GAIN_SHARP * tolerance(out.base, "pump.displacement")
-    if not _better(out, fit.displacement, out.base.pump.displacement, sharp):
-        _keep_gain(out, f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base")
-        return
-    out.put("pump.displacement", fit.displacement, "displacement over area_1, which stays the base's")
-    out.notes.append("only displacement over area is identifiable from flow: area_1 stays the base's")
-    if fit.area_2 is not None:
-        ratio = fit.area_2.value / out.base.cylinder.area_1
-        note = f"area_2/area_1 = {ratio:.3f} from both chambers' balances"
-        out.put("cylinder.area_2", fit.area_2, note)
-        out.notes.append(note)
-
-
-def _keep_gain(out: Identification, why: str) -> None:
-    """Leave the base's displacement, and state how far it may be off: balances are held against it."""
-    pump = out.unit.pump
-    out.keep("pump.displacement", why)
-    std = tolerance(out.base, "pump.displacement") * pump.displacement
-    known = pump.provenance.get("displacement", Provenance())
-    pump.provenance["displacement"] = known.model_copy(update={"std": std})
-
-
-def _put_leakage(out: Identification, fit: BalanceFit, temperature: float | None, hidden: bool) -> None:
-    extra, extra_of_case = (HIDDEN_LEAKAGE, HIDDEN_CASE) if hidden else (0.0, 0.0)
-    total = fit.total_leakage.wider(extra)
-    known = out.base.pump.total_leakage
-    enough = total.value > LEAST_LEAKAGE * known
-    if not (enough and _better(out, total, known, LEAKAGE_SHARP, "leakage")):
-        why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
-        out.keep("pump.cross_port_leakage", why)
-        out.keep("pump.case_leakage", why)
-        return
-    out.leakage = total
-    note = f"total (cross-port + case/2) {total.value:.3g} ± {total.std:.1g}"
-    out.put("pump.cross_port_leakage", fit.cross_port.wider(extra), note)
-    split = "" if fit.split_known else "split from cross-port as in the base"
-    out.put("pump.case_leakage", fit.case.wider(extra_of_case), split)
-    if not fit.split_known:
-        out.notes.append("cross-port and case leakage could not be told apart: they are split as in the base")
-    if temperature is not None:
-        out.put("oil.reference_temperature", Estimate(temperature, 0.5), "mean of the logs")
-    else:
-        out.notes.append("oil temperature is not measured: leakage holds for the logs' own temperature")
-
-
-def _put_compressibility(out: Identification, found: Hydraulics) -> None:
-    fit, beta, pressure = found.fit, found.bulk_modulus, found.logs.pressure
-    seen, known = fit.signal_over_noise >= LEAST_SIGNAL, out.base.oil.bulk_modulus
-    if not (seen and _better(out, beta, known, BULK_SHARP, "bulk modulus")):
-        told = f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough"
-        out.keep("oil.bulk_modulus", f"{told} (pressure changes over noise {fit.signal_over_noise:.1f})")
-        return
-    level = "with the volumes found" if found.volumes_found else "volumes stay the base's"
-    out.put("oil.bulk_modulus", beta, f"at {pressure / 1e5:.2f} bar; {level}")
-    out.put("oil.reference_pressure", Estimate(pressure, 0.01 * pressure), "median of the logs")
-    drawn = "" if fit.air_known else "little data: drawn to the base's"
-    out.put("oil.air_fraction", found.air_fraction, drawn)
-    out.notes.append(
-        "the chambers' volumes follow from how compliance changes with position, and area_1"
-        if found.volumes_found
-        else "only volume over bulk modulus is identifiable: the chambers' volumes stay the base's"
-    )
-
-
-def _better(out: Identification, estimate: Estimate, base: float, sharp: float, quantity: str = "") -> bool:
-    """Whether to take an estimate: it is sharp, or the base is surely farther off; a note where it is far."""
-    if not (estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std):
-        return False
-    ratio = estimate.value / base if base > 0.0 else 1.0
-    if quantity and not 1.0 / SURPRISING < ratio < SURPRISING:
-        out.notes.append(
-            f"{quantity} is {ratio:.2g} times that of base {out.base.name}: another kind of unit, or a "
-            "pressure in the wrong unit of measure"
-        )
-    return True
 
 
 def _charge(out: Identification, records: list[Record]) -> None:
@@ -338,3 +134,78 @@ def _friction(out: Identification, records: list[Record]) -> None:
             continue
         for name, found in fits[direction].estimates.items():
             out.put(f"friction.{direction}.{name}", found.wider(trials), fits[direction].note)
+
+
+def _gain_mismatch(records: list[Record]) -> float | None:
+    """Slope of the differential sensor over the chambers' difference, less one."""
+    if not (use := [r for r in records if r.redundant]):
+        return None
+    x = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.05)[~r.gap] for r in use])
+    y = np.concatenate([r.smooth(r.difference, 0.05)[~r.gap] for r in use])
+    x = x - x.mean()
+    spread = float(np.mean(x**2))
+    return None if spread < 1e9 else float(np.mean(x * (y - y.mean())) / spread - 1.0)
+
+
+def fit_torque_constant(records: list[Record], displacement: float) -> tuple[Estimate | None, str]:
+    """The torque constant (N·m/A) and a note, or None with the reason; `displacement` in m³/rad.
+
+    Current is regressed on D·Δp, |D·Δp| and 1 with the sign of the speed, speed and its rate. K_t is one over
+    the first slope; the second over the first is friction that grows with load, and where load and motion
+    always go together it is known by `GEAR_FRICTION` alone.
+    """
+    parts = [_windows(r, displacement) for r in records if r.current is not None]
+    if not parts:
+        return None, "motor current is not measured"
+    m, y = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    if y.size < LEAST_WINDOWS:
+        return None, "too little slow motion"
+    if np.ptp(m[:, 0]) < LEAST_RANGE:
+        return None, f"load torque covers {np.ptp(m[:, 0]):.2f} N·m only"
+    usual, doubt = GEAR_FRICTION
+    slope = _slope(m, y, usual)
+    group = np.arange(y.size) // BLOCK % _GROUPS
+    left_out = np.array([_slope(m[group != g], y[group != g], usual) for g in range(_GROUPS)])
+    std = float(jackknife_std(left_out))
+    if slope <= 0.0 or std > WELL_DETERMINED * slope:
+        return None, f"slope of current over load torque {slope:.3g} ± {std:.2g} A/(N·m) is not sharp enough"
+    gears = _slope(m, y, usual + doubt) - slope
+    relative = float(np.sqrt(std**2 + gears**2 + (GAINS * slope) ** 2)) / slope
+    return Estimate(1.0 / slope, relative / slope), "friction that grows with load taken off"
+
+
+def _windows(record: Record, displacement: float) -> tuple[Array, Array]:
+    assert record.current is not None
+    step = record.rows(WINDOW)
+    n = len(record) // step * step
+    _, w = record.speeds(0.02)
+    rate = np.gradient(record.smooth(w, 0.02), record.period)
+    drop = record.pressure_1 - record.pressure_2 if record.chambers_measured else record.difference
+
+    def mean(values: Array) -> Array:
+        return np.asarray(values[:n].reshape(-1, step).mean(axis=1), dtype=np.float64)
+
+    speed, acceleration = mean(w), mean(rate)
+    slow = (np.abs(rate[:n]).reshape(-1, step).max(axis=1) < SLOW) & (np.abs(speed) > 2.0)
+    slow &= ~record.gap[:n].reshape(-1, step).any(axis=1)
+    load, turning = mean(displacement * drop), np.sign(speed)
+    m = np.column_stack(
+        [load, np.abs(load) * turning, turning, speed * 1e-2, acceleration * 1e-2, np.ones_like(speed)]
+    )
+    return m[slow], mean(record.current)[slow]
+
+
+def _slope(m: Array, y: Array, friction: float) -> float:
+    """First coefficient; the second over it is `friction`, as sure as `GEAR_FRICTION` says."""
+    weights: Array = np.ones(y.size)
+    theta: Array = np.zeros(m.shape[1])
+    prior = np.zeros(m.shape[1])
+    for _ in range(6):
+        rows, wanted = np.vstack([m * weights[:, None], prior]), np.append(y * weights, 0.0)
+        theta = np.asarray(np.linalg.lstsq(rows, wanted, rcond=1e-10)[0])
+        residual = y - m @ theta
+        sigma = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
+        weights = np.sqrt(np.minimum(1.0, 2.0 * sigma / np.maximum(np.abs(residual), 1e-12)))
+        sure = np.sqrt(BLOCK) * sigma / max(GEAR_FRICTION[1] * abs(float(theta[0])), 1e-12)
+        prior[:2] = -friction * sure, sure
+    return float(theta[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import exp, hypot, log, sqrt
+from math import exp, log, sqrt
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
@@ -13,9 +13,10 @@ from scipy.special import chdtrc, chdtri
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.faults import fault
-from fdd.identification.identify import RELIEF_EXCEEDED, identify_unit
-from fdd.identification.profile import WORDS, Identification, Ratio, against_base
-from fdd.identification.signs import NEAR, UNLIKE, gain_slips, slips
+from fdd.identification import WORDS, Identification, Ratio, against_base
+from fdd.identification.hydraulics import RELIEF_EXCEEDED
+from fdd.identification.identify import identify_unit
+from fdd.identification.signs import gain_slips, slips
 from fdd.measures import MEASURES
 from fdd.samples import Samples
 from fdd.tolerances import TOLERANCES
@@ -55,9 +56,6 @@ UNMEASURED = 0.4
 """The same of leakage where nobody measures the oil's temperature: 10 K."""
 RELIEF_OPEN = 0.5
 """Standard deviation of ln, of a relief setting that is passed."""
-TURNED = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
-SURE = 4.0
-"""Standard deviations from which on a gain is another one: once in 16 000 logs, were they Gaussian."""
 
 
 @dataclass
@@ -141,7 +139,7 @@ def disagreement(
         return []
     each = []
     for samples, label in zip(logs, labels, strict=True):
-        ratios = _alone(samples, unit, label, UNMEASURED)
+        ratios = alone(samples, unit, label, UNMEASURED)
         # Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
         each.append({name: (r.value, r.value * r.std) for name, r in ratios.items()})
     if more:  # what the profile itself says, where it was identified
@@ -176,7 +174,7 @@ def disagreement(
     return sorted(out, key=lambda c: c.p_value)
 
 
-def _alone(samples: Samples, unit: Unit, label: str, unmeasured: float = 0.6) -> dict[str, Ratio]:
+def alone(samples: Samples, unit: Unit, label: str, unmeasured: float = 0.6) -> dict[str, Ratio]:
     """What this log alone identifies over the profile's, and any relief setting that it passes; see
     `against_base`."""
     try:
@@ -307,51 +305,3 @@ def _unhealthy(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> li
             sure = any(c.refused for c in disagreement(unit, parts, [f"{label} before", f"{label} after"]))
         out.append((f"{label} does not look healthy: {name} since {first.onset_s:.1f} s", sure))
     return out
-
-
-def notes_by_balances(
-    samples: Samples, unit: Unit, where: str, of_sensors: dict[str, Ratio], gains: tuple[float, float]
-) -> list[str]:
-    """Notes, one line each, on what a fault may be as well as a log of another unit, or a wrong scale.
-
-    Parameters
-    ----------
-    of_sensors : noise and counts of the pressures over the profile's. gains : travel per rad of the pump over
-        the profile's, as `fdd.identification.signs.gain_ratio` gives it.
-
-    Raises InputError: pressures are surely of another unit of measure.
-    """
-    plain, alike = gains
-    ratios, push = _alone(samples, unit, where) | of_sensors, push_of([samples], unit)
-    notes = []
-    if slip := pressure_slip(ratios, push):
-        # It is sure where it holds whatever one sign of it is left out.
-        rest = [({n: r for n, r in ratios.items() if n != left}, push) for left in ratios] + [(ratios, 1.0)]
-        if len(ratios) > 1 and all(pressure_slip(*each) for each in rest):
-            raise InputError(slip, where=where, mend="correct it with --map")
-        notes.append(f"{slip}, unless a fault did it")
-    if unit.pump.std_of("displacement") is not None:
-        found = ratios.get("pump.displacement")
-        if found is not None:
-            ratio, same = found.value, _same_gain(found, unit)
-        else:  # but for leakage it lies between the regressions
-            ratio, same = plain, alike < UNLIKE or (plain < NEAR and plain / alike > 1.0 / NEAR)
-        if not same:
-            notes.append(
-                f"travel per rad of the pump is {ratio:.3g} times that of profile {unit.name}: the log is of "
-                "another unit, a scale in the channel map is wrong, or a fault did it"
-            )
-    if not notes:
-        return []
-    # It may not be the gain that is another one, but the pressures that are turned.
-    columns = {a: samples[b] for a, b in TURNED.items() if a in samples and b in samples}
-    if "pressure_difference" in samples:
-        columns["pressure_difference"] = -samples["pressure_difference"]
-    turned = _alone(samples.with_columns(columns), unit, where).get("pump.displacement")
-    return [] if turned is not None and _same_gain(turned, unit) else notes
-
-
-def _same_gain(found: Ratio, unit: Unit) -> bool:
-    known = unit.pump.std_of("displacement") or 0.0
-    between = BETWEEN["pump.displacement"][0]
-    return abs(log(found.value)) < SURE * hypot(found.std, known / unit.pump.displacement, between)

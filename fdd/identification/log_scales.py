@@ -7,15 +7,13 @@ two: a pressure in another unit changes all that goes with pressure, each by the
 
 from __future__ import annotations
 
-from math import exp, log
+from math import exp, hypot, log
 
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.identification import signs
-from fdd.identification.profile import Ratio
-from fdd.identification.record import LEAST_TRAVEL, Record, even_record
-from fdd.identification.sensors import LEAST_ZERO, fit_sensors
+from fdd.identification import Ratio, signs
+from fdd.identification.record import LEAST_TRAVEL, LEAST_ZERO, Record, even_record, fit_sensors
 from fdd.logs.quality import nominal_period
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
@@ -33,6 +31,9 @@ NOISE_OPEN, COUNTS_OPEN = 0.35, 0.1
 change with the span of its transducer alone."""
 LEAST_SLIP = 2.5
 """No two units of one quantity are nearer to each other (`fdd.identification.signs.slips`)."""
+TURNED = {"pressure_1": "pressure_2", "pressure_2": "pressure_1"}
+SURE = 4.0
+"""Standard deviations from which on a gain is another one: once in 16 000 logs, were they Gaussian."""
 
 
 def check_scales(samples: Samples, unit: Unit, where: str) -> list[str]:
@@ -126,7 +127,11 @@ def _check_travel(samples: Samples, unit: Unit, where: str) -> None:
 
 
 def _own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list[str]:
-    """Notes on pressures and travel against the unit's own scales, first by the sensors' noise and counts."""
+    """Notes, one line each, on pressures and travel against the unit's own scales: on what a fault may be as
+    well as a log of another unit, or a wrong scale. First by the sensors' noise and counts, then by balances.
+
+    Raises InputError: pressures are surely of another unit of measure.
+    """
     of_sensors = _of_sensors(samples, record, unit, where)
     plain, alike = signs.gain_ratio(record, unit)
     usual = of_sensors and 1.0 / signs.NEAR < plain < signs.NEAR and all(
@@ -138,9 +143,41 @@ def _own_notes(samples: Samples, record: Record, unit: Unit, where: str) -> list
     if usual and signs.against_pressure(record, unit, where) <= 1.0:
         return []
     # What identifies imports half a second's worth of scipy, which most logs do not need.
-    from fdd.identification.judgement import notes_by_balances
+    from fdd.identification.judgement import BETWEEN, alone, pressure_slip, push_of
 
-    return notes_by_balances(samples, unit, where, of_sensors, (plain, alike))
+    def own(found: Ratio) -> bool:
+        """Whether the gain is the profile's."""
+        std = (unit.pump.std_of("displacement") or 0.0) / unit.pump.displacement
+        return abs(log(found.value)) < SURE * hypot(found.std, std, BETWEEN["pump.displacement"][0])
+
+    ratios, push = alone(samples, unit, where) | of_sensors, push_of([samples], unit)
+    notes = []
+    if slip := pressure_slip(ratios, push):
+        # It is sure where it holds whatever one sign of it is left out.
+        rest = [({n: r for n, r in ratios.items() if n != left}, push) for left in ratios] + [(ratios, 1.0)]
+        if len(ratios) > 1 and all(pressure_slip(*each) for each in rest):
+            raise InputError(slip, where=where, mend="correct it with --map")
+        notes.append(f"{slip}, unless a fault did it")
+    if unit.pump.std_of("displacement") is not None:
+        found = ratios.get("pump.displacement")
+        if found is not None:
+            ratio, same = found.value, own(found)
+        else:  # but for leakage it lies between the regressions
+            ratio = plain
+            same = alike < signs.UNLIKE or (plain < signs.NEAR and plain / alike > 1.0 / signs.NEAR)
+        if not same:
+            notes.append(
+                f"travel per rad of the pump is {ratio:.3g} times that of profile {unit.name}: the log is of "
+                "another unit, a scale in the channel map is wrong, or a fault did it"
+            )
+    if not notes:
+        return []
+    # It may not be the gain that is another one, but the pressures that are turned.
+    columns = {a: samples[b] for a, b in TURNED.items() if a in samples and b in samples}
+    if "pressure_difference" in samples:
+        columns["pressure_difference"] = -samples["pressure_difference"]
+    turned = alone(samples.with_columns(columns), unit, where).get("pump.displacement")
+    return [] if turned is not None and own(turned) else notes
 
 
 def _of_sensors(samples: Samples, record: Record, unit: Unit, where: str) -> dict[str, Ratio]:

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.identification.least_squares import huber, jackknife_std
+from fdd.identification import Array, huber, jackknife_std
 from fdd.identification.record import Record
 from fdd.measures import MEASURES
 from fdd.samples import Samples
 from fdd.tolerances import RELIEF_SHUT
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 MOST_GAIN_CHANGE = 3.0
 """Factor between the logs' and the base's gain beyond which one of the two is wrong."""
@@ -117,7 +115,7 @@ def against_pressure(record: Record, unit: Unit, where: str, *, own: bool = Fals
 
     Raises InputError: a measured difference is not that of the chambers.
     """
-    if record.has_difference and record.chambers_measured:
+    if record.redundant:
         ratio = _slope(record, record.pressure_1 - record.pressure_2, record.difference)
         if ratio is not None:
             problem = f"pressure_difference is {ratio:.3g} times pressure_1 - pressure_2"

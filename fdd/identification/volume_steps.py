@@ -27,13 +27,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.identification.record import Record
-from fdd.identification.sensors import effective_noise
+from fdd.identification import Array
+from fdd.identification.record import Record, effective_noise, lowest
 from fdd.residuals.oil import air_compliance, free_air, stiff_compliance, viscosity
 from fdd.residuals.quantities import PILOT, outlet_loss
 from fdd.unit import Oil, Unit
-
-Array = NDArray[np.float64]
 
 SMOOTHING = 0.025
 """s, window over which every accumulated term is averaged."""
@@ -259,9 +257,8 @@ class LogBalances:
         """Pa, white noise of the chamber pressures that is left after the balance's window."""
         left = []
         for channel in ("pressure_1", "pressure_2"):
-            found = [effective_noise(getattr(r, channel), r.period) for r in self.records]
-            known = [x for x in found if x is not None]
-            left.append(min(known, default=0.0) / np.sqrt(self.records[0].rows(SMOOTHING)))
+            found = lowest([effective_noise(getattr(r, channel), r.period) for r in self.records])
+            left.append((found or 0.0) / np.sqrt(self.records[0].rows(SMOOTHING)))
         return left[0], left[1]
 
     def reference_temperature(self, unit: Unit) -> float:

@@ -47,12 +47,9 @@ class FaultClassifier(ClassifierMixin, BaseEstimator):
     """
 
     def __init__(
-        self,
-        kind: Literal["logistic", "boosting"] = "logistic",
-        strength: float = 1.0,
-        folds: int = 3,
+        self, kind: Literal["logistic", "boosting"] = "logistic", strength: float = 1.0, folds: int = 3,
         random_state: int | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.kind = kind
         self.strength = strength
         self.folds = folds

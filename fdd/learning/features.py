@@ -17,7 +17,7 @@ from fdd.diagnosis.findings import ESTIMATED, Diagnosis
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.faults import CATALOGUE
-from fdd.history.signals import column, has
+from fdd.history.compare import column, has
 from fdd.residuals.balances import BALANCES
 from fdd.samples import CHANNELS, Samples
 from fdd.sensors.finding import FAILING

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 import fdd
-from fdd.diagnosis.answering import healthy_of
+from fdd.diagnosis.estimates import healthy_of
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis, Estimate, FaultFinding, Quality
 from fdd.errors import InputError
 from fdd.faults import FAMILIES, fault

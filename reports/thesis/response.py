@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.identification.experiments.dynamics import half_power_frequency
 from fdd.identification.experiments.response import decibel, degrees, from_profile
-from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.plant.details import Details
 from fdd.unit import Unit
 from reports.thesis import runs as rig

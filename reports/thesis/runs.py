@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import butter, chirp, cont2discrete, fftconvolve, lfilter, sosfiltfilt
 
-from fdd.identification.experiments.spectra import half_power_frequency
+from fdd.identification.experiments.dynamics import half_power_frequency
 from fdd.plant.circuit import Circuit
 from fdd.plant.details import Details
 from fdd.plant.duty import Replay

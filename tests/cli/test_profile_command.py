@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from fdd.data_sheet.accumulator import accumulator_volumes
-from fdd.data_sheet.answers import QUESTIONS
 from fdd.data_sheet.plausibility import derived, unit_remarks
+from fdd.data_sheet.profile import QUESTIONS
 from fdd.unit import Unit
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

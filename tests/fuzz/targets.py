@@ -11,7 +11,7 @@ import numpy as np
 
 from fdd.campaign.recipe import Recipe
 from fdd.cli.batch import ANSWERS, AnswersFolder
-from fdd.data_sheet.answers import read_answers
+from fdd.data_sheet.profile import read_answers
 from fdd.diagnosis.baseline import effects_of
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError

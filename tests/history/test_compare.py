@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from fdd.diagnosis.pipeline import Pipeline
-from fdd.history.answers import Comparison
-from fdd.history.compare import NO_CHANGE, Side, compare
-from fdd.history.signals import changed_lines, spectra_of
+from fdd.history import Comparison
+from fdd.history.compare import NO_CHANGE, Side, changed_lines, compare, spectra_of
 from fdd.history.view import compare_sheet
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate

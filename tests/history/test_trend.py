@@ -10,7 +10,7 @@ from scipy.stats import linregress
 from scipy.stats import t as student_t
 
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality
-from fdd.history.answers import Life, Trend
+from fdd.history import Life, Trend
 from fdd.history.compare import seen
 from fdd.history.line import fit_line, holm
 from fdd.history.trend import given_limits, severity_one, trend_of

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from fdd import Samples, Scenario, Unit, simulate
+from fdd.identification import Identification
 from fdd.identification.identify import identify_unit
-from fdd.identification.profile import Identification
 
 TEMPERATURE = 35.0
 SEEDS = (1, 2, 3)

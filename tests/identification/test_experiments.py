@@ -8,14 +8,13 @@ from made_units import calibration_logs, case_of, random_unit
 from scipy.signal import cont2discrete, lfilter
 
 from fdd import Samples, Scenario, Unit
+from fdd.identification.experiments import Outcome, Told
 from fdd.identification.experiments.bulk_modulus import bulk_modulus
+from fdd.identification.experiments.dynamics import Series, fit_model, half_power_frequency
 from fdd.identification.experiments.friction import friction
 from fdd.identification.experiments.gain import gain
 from fdd.identification.experiments.leakage import leakage
-from fdd.identification.experiments.outcome import Outcome, Told
-from fdd.identification.experiments.polynomial import Series, fit_model
 from fdd.identification.experiments.response import frequency_response, from_profile
-from fdd.identification.experiments.spectra import half_power_frequency
 from fdd.identification.record import Record, even_record
 from fdd.plant import oil as plant_oil
 from fdd.plant.details import Details

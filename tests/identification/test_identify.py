@@ -10,9 +10,9 @@ import pytest
 from made_units import SEEDS, TEMPERATURE, calibration_logs, case_of, identified, only, random_unit, scaled
 
 from fdd import Scenario, Unit, simulate
+from fdd.identification import Identification
 from fdd.identification.friction import curve
 from fdd.identification.identify import identify_unit
-from fdd.identification.profile import Identification
 from fdd.logs import ChannelMap, read_log
 from fdd.plant import oil as plant_oil
 from tests.refusal import refused

@@ -18,8 +18,7 @@ from fdd.diagnosis.baseline import add_baseline
 from fdd.identification.friction import curve, fit_friction
 from fdd.identification.from_logs import add_logs
 from fdd.identification.identify import identify_unit
-from fdd.identification.record import Record
-from fdd.identification.sensors import effective_noise, resolution, welch
+from fdd.identification.record import Record, effective_noise, resolution, welch
 from fdd.plant import oil as plant_oil
 from fdd.plant.to_file import write_simulation
 from fdd.residuals.oil import air_compliance, free_air

@@ -7,7 +7,7 @@ import pytest
 
 from fdd import Samples, Unit
 from fdd.campaign.dataset import Label
-from fdd.identification.profile import Identification, TableRow
+from fdd.identification import Identification, TableRow
 from reports import datasets, disturbed
 from tests.made_up import answer, entry, finding, label
 

@@ -8,23 +8,18 @@ pressure is the free air's: ``1/β(p) = 1/β_oil + α·c(p)`` (eqs 5.20 and 5.21
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fdd.identification import Array, Identification, jackknife_std
 from fdd.identification.balance import LEAST_AIR
-from fdd.identification.experiments.outcome import NORMAL_95, Outcome, axes, cloud, curve_line, figure
-from fdd.identification.identify import BULK_SHARP, LEAST_SIGNAL, Hydraulics, hydraulics
-from fdd.identification.least_squares import jackknife_std
-from fdd.identification.profile import Identification
+from fdd.identification.experiments import NORMAL_95, Outcome, axes, cloud, curve_line, figure
+from fdd.identification.hydraulics import BULK_SHARP, LEAST_SIGNAL, VOLUME_SPREAD, Hydraulics, hydraulics
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import REFEED_MARGIN, SMOOTHING, STEPS, Term, scales
-from fdd.identification.volumes import VOLUME_SPREAD
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
 from fdd.report.words import listed
 from fdd.residuals.oil import air_compliance, modulus_at, pressure_of_compliance
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 AIR_SHARP = 0.5
 """Relative standard deviation of the free air up to which it is a figure."""

@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from fdd.identification.experiments.outcome import NORMAL_95, Outcome, Told, axes, cloud, curve_line, points
+from fdd.identification import Array
+from fdd.identification.experiments import NORMAL_95, Outcome, Told, axes, cloud, curve_line, points
 from fdd.identification.friction import Motion, curve, gusty, near_curve, steady_motion, unloaded_motion
 from fdd.identification.record import Record
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
 from fdd.report.words import listed
 from fdd.unit import FrictionBranch, Unit
-
-Array = NDArray[np.float64]
 
 BINS = np.geomspace(1e-3, 2.0, 34)
 """m/s, edges: ten a decade."""

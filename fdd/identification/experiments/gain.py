@@ -6,15 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from fdd.identification.experiments.outcome import NORMAL_95, Outcome, Told, axes, cloud, curve_line
-from fdd.identification.least_squares import jackknife_std
+from fdd.identification import Array, jackknife_std
+from fdd.identification.experiments import NORMAL_95, Outcome, Told, axes, cloud, curve_line
 from fdd.identification.record import Record
 from fdd.identification.volume_steps import RELIEF_MARGIN
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
 from fdd.unit import Unit
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 RPM = 30.0 / np.pi

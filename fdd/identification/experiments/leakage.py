@@ -8,19 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from fdd.identification import Array, huber, jackknife_std
 from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
-from fdd.identification.experiments.outcome import NORMAL_95, Outcome, axes, cloud, curve_line, points
-from fdd.identification.identify import LEAKAGE_SHARP
-from fdd.identification.least_squares import huber, jackknife_std
-from fdd.identification.record import Record
-from fdd.identification.sensors import redundancy_offset
+from fdd.identification.experiments import NORMAL_95, Outcome, axes, cloud, curve_line, points
+from fdd.identification.hydraulics import LEAKAGE_SHARP
+from fdd.identification.record import Record, redundancy_offset
 from fdd.identification.volume_steps import BLOCK, STEPS, LogBalances, Term, VolumeSteps, scales
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
 from fdd.residuals.oil import viscosity
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 WARMING = 5.0
 """K between the coldest and the warmest tenth of the log from which leakage is told over temperature."""

@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 from scipy.stats import chi2
 
-from fdd.identification.experiments.outcome import NORMAL_95, Outcome, Told, axes, curve_line
-from fdd.identification.experiments.polynomial import Model, Series, find_delay, fit_model
-from fdd.identification.experiments.spectra import Spectra, half_power_frequency, halves, stretches, welch
+from fdd.identification import Array
+from fdd.identification.experiments import NORMAL_95, Outcome, Told, axes, curve_line, dynamics
+from fdd.identification.experiments.dynamics import Model, Series, Spectra, half_power_frequency
 from fdd.identification.record import Record
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 RATE = 8.0
 """Samples per period of the profile's natural frequency: enough for twice that frequency, and no more."""
@@ -98,16 +96,16 @@ def frequency_response(
     given : pump_speed or command. caused : rate, position or pressure_difference.
     order : poles of the model; by default 1 to 4, by BIC. window_s : s, of Welch's windows.
 
-    Raises InputError: as `stretches`.
+    Raises InputError: as `dynamics.stretches`.
     """
     natural = from_profile(unit, 0.0).natural_hz
-    series, period = stretches(records, given, caused, RATE * natural)
+    series, period = dynamics.stretches(records, given, caused, RATE * natural)
     out = Outcome("frequency-response", f"Frequency response, {NAMES[given]} to {NAMES[caused]}")
-    spectra = welch(series, period, window_s)
-    fitting, held_out = halves(series)
-    delay = find_delay(fitting, round(LONGEST_DELAY / period))
+    spectra = dynamics.welch(series, period, window_s)
+    fitting, held_out = dynamics.halves(series)
+    delay = dynamics.find_delay(fitting, round(LONGEST_DELAY / period))
     orders = ORDERS if order is None else (order,)
-    model = min((fit_model(fitting, period, n, delay) for n in orders), key=lambda m: m.bic)
+    model = min((dynamics.fit_model(fitting, period, n, delay) for n in orders), key=lambda m: m.bic)
     fit, p_white, worst = _tested(model, held_out)
     # The highest frequency with coherence about it.
     smooth = np.convolve(spectra.coherence, np.full(3, 1.0 / 3.0), mode="same")
