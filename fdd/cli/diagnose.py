@@ -22,7 +22,7 @@ from fdd.files import require_writable
 if TYPE_CHECKING:
     from fdd.cli.batch import AnswersFolder
     from fdd.diagnosis.findings import Diagnosis
-    from fdd.offline.diagnoser import Diagnoser, Job
+    from fdd.offline import Diagnoser, Job
     from fdd.unit import Unit
 
 FAULT_STATUS, INCONCLUSIVE_STATUS = 1, 3
@@ -77,9 +77,8 @@ def diagnose(
     ] = False,
 ) -> None:  # fmt: skip
     """Diagnose logs: is there a fault, since when, which one, and how severe."""
-    from fdd.cli.batch import AnswersFolder, worked
-    from fdd.cli.which_logs import find_logs
-    from fdd.offline.diagnoser import Diagnoser, Settings
+    from fdd.cli.batch import AnswersFolder, find_logs, worked
+    from fdd.offline import Diagnoser, Settings
 
     if resume and output_ is None:
         raise InputError("--resume needs --output", mend="name the folder of the earlier run")
@@ -144,8 +143,8 @@ def status_of(answers: Sequence[Diagnosis]) -> int:
 def _jobs(
     logs: Sequence[Path], report: str | None, mcap: str | None, folder: AnswersFolder | None
 ) -> list[Job]:
-    from fdd.cli.which_logs import file_names, names_of
-    from fdd.offline.diagnoser import Job
+    from fdd.cli.batch import file_names, names_of
+    from fdd.offline import Job
 
     reports = output_paths(report, logs, ".html", "--report")
     mcaps = output_paths(mcap, logs, ".mcap", "--mcap")
@@ -173,8 +172,7 @@ def _tell(
     quiet: bool,
 ) -> None:  # fmt: skip
     """Answers for people, in the order of the logs; what could not be read goes to standard error."""
-    from fdd.cli.console import output
-    from fdd.cli.tables import diagnosis_view
+    from fdd.cli.console import diagnosis_view, output
     from fdd.report import headline
 
     console = output()
@@ -201,9 +199,8 @@ def demo(
 
     from importlib import resources
 
-    from fdd.cli.console import output
-    from fdd.cli.tables import diagnosis_view
-    from fdd.offline.diagnoser import Diagnoser, Job, Settings
+    from fdd.cli.console import diagnosis_view, output
+    from fdd.offline import Diagnoser, Job, Settings
 
     with resources.as_file(resources.files("fdd") / "demo") as folder:
         job = Job(folder / DEMO_LOG, DEMO_LOG, report=out)

@@ -18,7 +18,7 @@ from fdd.files import require_writable, write_text, written
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
     from fdd.history.trend import Each
-    from fdd.offline.diagnoser import Settings
+    from fdd.offline import Settings
     from fdd.unit import Unit
 
 ANSWERS_SUFFIX = ".jsonl"
@@ -37,13 +37,12 @@ def compare(
     report: options.ReportOption = None,
 ) -> None:
     """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
-    from fdd.cli.console import progress
-    from fdd.cli.tables import tell_sheet
-    from fdd.cli.which_logs import names_of
+    from fdd.cli.batch import names_of
+    from fdd.cli.console import progress, tell_sheet
     from fdd.history.compare import Side
     from fdd.history.compare import compare as compared
     from fdd.history.view import compare_sheet
-    from fdd.offline.diagnoser import Diagnoser, Job, Settings, unit_of
+    from fdd.offline import Diagnoser, Job, Settings, unit_of
 
     require_outputs(json_, report)
     diagnoser = Diagnoser(Settings(unit, map_, None, axis))
@@ -90,12 +89,11 @@ def trend(
     workers: options.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
-    from fdd.cli.tables import tell_sheet
+    from fdd.cli.console import tell_sheet
     from fdd.history.trend import given_limits, severity_one, trend_of
     from fdd.history.view import trend_csv, trend_sheet
-    from fdd.offline.diagnoser import Settings
-    from fdd.report.page import render_sheet
-    from fdd.report.plotly import write_bundle
+    from fdd.offline import Settings
+    from fdd.report.page import render_sheet, write_bundle
 
     chosen = given_limits(limit or [])
     require_outputs(json_, report)
@@ -167,9 +165,8 @@ def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered
 
 
 def _of_logs(logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None) -> Answered:
-    from fdd.cli.batch import worked
-    from fdd.cli.which_logs import find_logs, names_of
-    from fdd.offline.diagnoser import Diagnoser, Job, unit_of
+    from fdd.cli.batch import find_logs, names_of, worked
+    from fdd.offline import Diagnoser, Job, unit_of
 
     paths = find_logs(logs, leave_out)
     jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
