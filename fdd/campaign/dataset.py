@@ -1,24 +1,27 @@
-"""A generated data set, read back: its logs with their labels, the truth, the units' calibration runs."""
+"""A generated data set, read back: its logs with their labels, the truth, the units' calibration runs; and
+the same work for each of its units, in as many processes as are wanted."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Literal, TypedDict, TypeVar, TypeVarTuple, Unpack
 
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from fdd.bounds import MAX_JSON_BYTES
+from fdd.campaign.labels import Entry, Manifest
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.visibility import ChannelVisibility
+from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
 from fdd.files import sha256_of
 from fdd.logs import read_log
 from fdd.plant.truth import TRUTH, Truth
-from fdd.plant.validated import Validated
 from fdd.samples import Samples
 from fdd.unit import Unit
 from fdd.validation import input_error
@@ -42,104 +45,11 @@ SHARE = 0.2
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 M = TypeVar("M")
-HEALTHY = "healthy"
+Progress = Callable[[int, int], None]
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+Given = TypeVarTuple("Given")
 AGAIN = "copy the data set again or generate it anew"
-RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+$", max_length=200)]
-
-
-class Label(Validated):
-    """One injected fault, as the plant labels it; data of versions without laws have none."""
-
-    fault: str
-    family: str
-    severity: float
-    onset_s: float
-    profile: str
-    side: int | None = None
-    variant: str | None = None
-    law: str | None = None
-    axis: int = 1
-    channel: str | None = None
-
-
-class Conditions(Validated):
-    """What a table of results is broken down by."""
-
-    load: str
-    duty: str
-    control: str
-    oil_temperature: float
-    charge_factor: float
-    seed: int
-
-
-class Entry(Validated):
-    """One log of a data set.
-
-    Attributes
-    ----------
-    file, truth : paths below the data set's folder.
-    base : profile that its unit was varied from.
-    structure, condition : of the recipe; empty where it has none.
-    fault_scales : figures of severity 1, see `fdd.plant.faults.spec.FaultScales`; empty without structures.
-    truth_medians : true leakage (m³/(s·Pa)), bulk modulus (Pa), Coulomb (N) and viscous friction
-        (N·s/m): medians while all faults act, or over the log if healthy.
-    twin : path of the same log without its faults; None for a healthy log, or where none was made.
-    visibility : by channel, with a twin, what the faults do to the log, over the sensor's noise.
-    largest_rms, visible : of it, see `fdd.campaign.visibility`.
-    """
-
-    file: RelativePath
-    truth: RelativePath
-    unit: str
-    base: str
-    structure: str = ""
-    condition: str = ""
-    fault_scales: dict[str, float] = Field(default_factory=dict)
-    duration_s: float
-    samples: int
-    faults: tuple[Label, ...]
-    scenario: Conditions
-    truth_medians: dict[str, float]
-    twin: RelativePath | None = None
-    visibility: dict[str, ChannelVisibility] | None = None
-    largest_rms: float | None = None
-    visible: bool | None = None
-
-    @property
-    def healthy(self) -> bool:
-        """Whether no fault was injected."""
-        return not self.faults
-
-    @property
-    def family(self) -> str:
-        """Family of the first fault, or ``healthy``."""
-        return self.faults[0].family if self.faults else HEALTHY
-
-    @property
-    def told(self) -> dict[str, Any]:
-        """What tables say of it: file, unit, and the first fault with its severity and onset."""
-        lead = self.faults[0] if self.faults else None
-        return {
-            "file": self.file, "unit": self.unit, "fault": lead.fault if lead else HEALTHY,
-            "faults": " ".join(f.fault for f in self.faults) or HEALTHY, "family": self.family,
-            "severity": lead.severity if lead else 0.0, "onset_s": lead.onset_s if lead else None,
-            "structure": self.structure,
-        }  # fmt: skip
-
-
-class Manifest(Validated):
-    """What a data set says of itself; it is written last."""
-
-    schema_: Annotated[Literal["fdd.dataset/1"], Field(alias="schema")]
-    name: str
-    version: str
-    seed: int
-    units: int
-    number: int
-    hours: float
-    baselines: dict[str, tuple[RelativePath, ...]]
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -291,3 +201,64 @@ def split_of(units: Sequence[str], seed: int = 0) -> dict[str, Split]:
     test = set(order[:held] if len(order) > 1 else ())
     validation = set(order[held : 2 * held] if len(order) > 2 else ())
     return {u: "test" if u in test else "validation" if u in validation else "train" for u in units}
+
+
+class How(TypedDict, total=False):
+    """Where units are worked, see `fdd.engines.map_unordered`; `progress` is told (done, total) units."""
+
+    workers: int | None
+    progress: Progress | None
+    engine: Engine
+
+
+def over_units(
+    work: Callable[[Dataset, str, *Given], list[Result]],
+    directories: Sequence[str | Path],
+    *given: *Given,
+    **how: Unpack[How],
+) -> list[Result]:
+    """Join what `work` gives for the units of data sets, in their order; see `for_each_unit`.
+
+    Parameters
+    ----------
+    work : data set, unit's name and what is `given` to its results; a function of a module.
+    """
+    folders = [data.directory / unit for data in map(Dataset.load, directories) for unit in data.units]
+    return for_each_unit(partial(_opened, work, given), folders, **how)
+
+
+def _opened(work: Callable[..., list[Result]], given: tuple[object, ...], folder: Path) -> list[Result]:
+    return work(Dataset.load(folder.parent), folder.name, *given)
+
+
+def for_each_unit(
+    work: Callable[[Job], list[Result]], units: Sequence[Job], **how: Unpack[How]
+) -> list[Result]:
+    """Join what `work` gives for each unit, in the order of the units.
+
+    Raises
+    ------
+    InputError : the last unit's, where all refuse. A unit that refuses alone, as a baseline that cannot be
+        identified, is left out with a warning.
+    """
+    found: dict[int, list[Result]] = {}
+    refused: list[InputError] = []
+    progress = how.get("progress")
+    engine, workers = how.get("engine", "local"), how.get("workers", 1)
+    for number, told in map_unordered(partial(_tried, work), units, engine=engine, workers=workers):
+        found[number] = [] if isinstance(told, InputError) else told
+        if isinstance(told, InputError):
+            refused.append(told)
+            warnings.warn(f"{units[number]} left out: {told}", stacklevel=2)
+        if progress is not None:
+            progress(len(found), len(units))
+    if refused and len(refused) == len(units):
+        raise refused[-1]
+    return [result for number in range(len(units)) for result in found[number]]
+
+
+def _tried(work: Callable[[Job], list[Result]], unit: Job) -> list[Result] | InputError:
+    try:
+        return work(unit)
+    except InputError as error:
+        return error

@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd import __version__
-from fdd.campaign import dataset, drawing
-from fdd.campaign.calibration import calibration_runs, ordinary_strokes
+from fdd.campaign import dataset, drawing, scenarios
 from fdd.campaign.card import write_card, write_sums
+from fdd.campaign.dataset import Progress
+from fdd.campaign.drawing import calibration_runs, ordinary_strokes
+from fdd.campaign.labels import EDGES, largest_rms, visibility
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.structures import Condition
-from fdd.campaign.units import Progress
-from fdd.campaign.visibility import EDGES, largest_rms, visibility
 from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
 from fdd.files import whole_file, write_text, written
@@ -158,7 +158,7 @@ def _baseline_run(recipe: Recipe, rig: drawing.Rig, index: int, number: int) -> 
     else:
         work = recipe.model_copy(update={"duration": ORDINARY_WORK})
         return _sane_run(work, rig, ("ordinary", index, number), ())
-    return simulate(*drawing.as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
+    return simulate(*scenarios.as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
 
 
 def _sane_run(
@@ -173,9 +173,9 @@ def _sane_run(
         unit = condition.changed(unit, drawing.stream(recipe, "condition", *purpose[1:]))
     for attempt in range(MOST_DRAWS):
         rng = drawing.stream(recipe, *purpose, attempt)
-        scenario = drawing.draw_scenario(recipe, rig, rng, faults)
+        scenario = scenarios.draw_scenario(recipe, rig, rng, faults)
         try:
-            run = simulate(*drawing.as_it_runs(recipe, rig, unit, scenario, purpose))
+            run = simulate(*scenarios.as_it_runs(recipe, rig, unit, scenario, purpose))
             trouble = _trouble(run)
         except InputError as error:
             trouble = str(error)

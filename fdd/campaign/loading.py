@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from fdd import __version__
-from fdd.campaign.dataset import HEALTHY, Dataset, Manifest, Split, split_of
+from fdd.campaign.dataset import Dataset, How, Split, over_units, split_of
+from fdd.campaign.labels import HEALTHY, Manifest
 from fdd.campaign.train import identified_unit
-from fdd.campaign.units import How, over_units
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.files import whole_file

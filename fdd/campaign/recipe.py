@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from fdd.bounds import MAX_RECIPE_BYTES
-from fdd.campaign.ranges import Range, Share, Weight, within
+from fdd.campaign.population import Range, Share, Weight, within
 from fdd.campaign.structures import Condition, Structure
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fdd.campaign.ranges import Range, Rng, log_uniform, uniform
+from fdd.campaign.population import Range, Rng, log_uniform, uniform
 from fdd.data_sheet.accumulator import accumulator_volumes
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details

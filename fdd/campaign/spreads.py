@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import digamma
 
-from fdd.campaign.dataset import Dataset
-from fdd.campaign.units import How, over_units
+from fdd.campaign.dataset import Dataset, How, over_units
 from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of, history_of
 from fdd.diagnosis.random_effects import log_effects, log_equations
 from fdd.errors import InputError

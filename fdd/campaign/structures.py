@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from fdd.campaign.ranges import Range, Rng, Share, Weight, drawn, spread
+from fdd.campaign.population import Range, Rng, Share, Weight, drawn, spread
 from fdd.campaign.sizes import OIL_TEMPERATURES, Size, sized_unit, with_accumulator
 from fdd.errors import InputError
 from fdd.plant.details import Details

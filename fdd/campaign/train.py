@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import expit, logit
 
-from fdd.campaign.dataset import HEALTHY, Dataset, Entry
-from fdd.campaign.units import How, over_units
+from fdd.campaign.dataset import Dataset, How, over_units
+from fdd.campaign.labels import HEALTHY, Entry
 from fdd.diagnosis.answering import Z80, hidden_share
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import FaultFinding

@@ -10,11 +10,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fdd.campaign.dataset import Dataset
+from fdd.campaign.dataset import Dataset, How, over_units
+from fdd.campaign.labels import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.campaign.scores import Outcome, figures, wilson
 from fdd.campaign.train import identified_unit
-from fdd.campaign.units import How, over_units
-from fdd.campaign.visibility import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline

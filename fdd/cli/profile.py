@@ -1,4 +1,4 @@
-"""``fdd profile``: a base profile from a data sheet; ``fdd identify``: a unit's own one from healthy logs; and
+"""``fdd profile``: a base profile from a data sheet; ``fdd identify``: a unit's own from healthy logs; and
 ``fdd experiment``: one experiment on logs."""
 
 from __future__ import annotations

@@ -1,17 +1,24 @@
-"""How visible a fault is: a log less its twin, which lacks the fault, in standard deviations of noise."""
+"""What a data set says of itself and of each log: faults, conditions, and how visible these faults are.
+
+A fault's visibility is that of the log less its twin, which lacks the fault, in standard deviations of noise.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from fdd.plant.sensors import KNOWN, Recording
 from fdd.plant.validated import Validated
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
 
+HEALTHY = "healthy"
+RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+$", max_length=200)]
 SUMMARISED = (*PRESSURES, "motor_current")
 """Channels of which a log's figure is the largest rms. Encoders count so finely, and travel adds up so far,
 that in angle and position any fault would be visible."""
@@ -39,6 +46,101 @@ class ChannelVisibility(Validated):
     rms: float
     peak: float
     lost: float
+
+
+class Label(Validated):
+    """One injected fault, as the plant labels it; data of versions without laws have none."""
+
+    fault: str
+    family: str
+    severity: float
+    onset_s: float
+    profile: str
+    side: int | None = None
+    variant: str | None = None
+    law: str | None = None
+    axis: int = 1
+    channel: str | None = None
+
+
+class Conditions(Validated):
+    """What a table of results is broken down by."""
+
+    load: str
+    duty: str
+    control: str
+    oil_temperature: float
+    charge_factor: float
+    seed: int
+
+
+class Entry(Validated):
+    """One log of a data set.
+
+    Attributes
+    ----------
+    file, truth : paths below the data set's folder.
+    base : profile that its unit was varied from.
+    structure, condition : of the recipe; empty where it has none.
+    fault_scales : figures of severity 1, see `fdd.plant.faults.spec.FaultScales`; empty without structures.
+    truth_medians : true leakage (m³/(s·Pa)), bulk modulus (Pa), Coulomb (N) and viscous friction
+        (N·s/m): medians while all faults act, or over the log if healthy.
+    twin : path of the same log without its faults; None for a healthy log, or where none was made.
+    visibility : by channel, with a twin, what the faults do to the log, over the sensor's noise.
+    largest_rms, visible : of it, see `fdd.campaign.labels`.
+    """
+
+    file: RelativePath
+    truth: RelativePath
+    unit: str
+    base: str
+    structure: str = ""
+    condition: str = ""
+    fault_scales: dict[str, float] = Field(default_factory=dict)
+    duration_s: float
+    samples: int
+    faults: tuple[Label, ...]
+    scenario: Conditions
+    truth_medians: dict[str, float]
+    twin: RelativePath | None = None
+    visibility: dict[str, ChannelVisibility] | None = None
+    largest_rms: float | None = None
+    visible: bool | None = None
+
+    @property
+    def healthy(self) -> bool:
+        """Whether no fault was injected."""
+        return not self.faults
+
+    @property
+    def family(self) -> str:
+        """Family of the first fault, or ``healthy``."""
+        return self.faults[0].family if self.faults else HEALTHY
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What tables say of it: file, unit, and the first fault with its severity and onset."""
+        lead = self.faults[0] if self.faults else None
+        return {
+            "file": self.file, "unit": self.unit, "fault": lead.fault if lead else HEALTHY,
+            "faults": " ".join(f.fault for f in self.faults) or HEALTHY, "family": self.family,
+            "severity": lead.severity if lead else 0.0, "onset_s": lead.onset_s if lead else None,
+            "structure": self.structure,
+        }  # fmt: skip
+
+
+class Manifest(Validated):
+    """What a data set says of itself; it is written last."""
+
+    schema_: Annotated[Literal["fdd.dataset/1"], Field(alias="schema")]
+    name: str
+    version: str
+    seed: int
+    units: int
+    number: int
+    hours: float
+    baselines: dict[str, tuple[RelativePath, ...]]
+    sha256: str
 
 
 def noise_deviation(unit: Unit, channel: str, recording: Recording) -> float:
