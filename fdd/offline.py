@@ -17,7 +17,7 @@ from fdd.diagnosis.findings import Diagnosis, Quality, Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.files import sha256_of
+from fdd.files import sha256_of, write_text
 from fdd.identification.log_scales import check_scales
 from fdd.logs import ChannelMap, DataQuality, Log, as_log
 from fdd.progress import Advance
@@ -70,11 +70,10 @@ def diagnose(
     >>> answer.verdict, [(f.fault, f.onset_s, f.confidence) for f in answer.faults]  # doctest: +SKIP
     ('faulty', [('internal_leakage', 16.0, 0.99)])
     """
-    of_file = isinstance(log, str | Path)
-    if not of_file and not isinstance(log, Log | Samples):
+    if not isinstance(log, str | Path | Log | Samples):
         mend = "give a file, what read_log gave, or Samples"
         raise InputError(f"{type(log).__name__} is no log", mend=mend)
-    if map is not None and not of_file:
+    if map is not None and not isinstance(log, str | Path):
         raise InputError("a channel map is for files", mend="give it to read_log")
     diagnoser = Diagnoser(Settings(unit, map, model, axis, tuple(dict.fromkeys(trackers))))
     if isinstance(log, str | Path):
@@ -114,9 +113,8 @@ class Diagnosed:
 class Settings:
     """What all logs are diagnosed with: named, as on the command line, or at hand, as `diagnose` takes them.
 
-    Attributes
-    ----------
-    classifier : file of one that is asked, too. prior : share of such logs that is faulty; None: the model's.
+    `classifier` is the file of one that is asked, too, `prior` the share of such logs that is faulty; None
+    takes the model's.
     """
 
     unit: Unit | str | Path | None = None
@@ -134,13 +132,8 @@ class Settings:
 
 @dataclass(frozen=True)
 class Job:
-    """One log and what is written of it.
-
-    Attributes
-    ----------
-    name : of the log in its answer.
-    report : page with plotly.js in it. page : one that loads plotly.js from beside it.
-    """
+    """One log, its name in the answer, and what is written of it: `report` is a page with plotly.js in it,
+    `page` one that loads it from beside it."""
 
     path: Path
     name: str
@@ -155,12 +148,7 @@ class Job:
 
 
 class Diagnoser:
-    """Model, channel map and profile, read once for all logs.
-
-    Raises
-    ------
-    InputError : one of them cannot be used.
-    """
+    """Model, channel map and profile, read once for all logs; an InputError where one cannot be used."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -204,16 +192,11 @@ class Diagnoser:
         self, log: Log, name: str, where: str, advance: Advance = lambda done: None, *,
         keep_trajectories: bool = True,
     ) -> Diagnosed:  # fmt: skip
-        """Diagnose a log that need not be a file.
+        """Diagnose a log that need not be a file; an InputError where its channels do not suffice, or the
+        profile in it cannot be used.
 
-        Parameters
-        ----------
-        name : of the log in its answer. where : what errors of scale call it. advance : told how many samples
-            are done. keep_trajectories : for outputs that show them; they take a third of the log's memory.
-
-        Raises
-        ------
-        InputError : its channels do not suffice, or the profile in it cannot be used.
+        The answer calls it `name`, errors of scale `where`; `advance` is told how many samples are done.
+        Trajectories are kept for outputs that show them; they take a third of the log's memory.
         """
         unit, note = (self.unit, None) if self.unit is not None else unit_of(log, None)
         notes = (*((note,) if note else ()), *check_scales(log.samples, unit, where))
@@ -243,15 +226,14 @@ class Diagnoser:
     def write(self, job: Job, found: Diagnosed) -> None:
         """Write what is wanted of a log; an InputError where that cannot be."""
         diagnosis, samples = found.diagnosis, found.log.samples
+        told = {"profile": found.unit.name, "log": found.log.name}
+        told["model"] = str(self.settings.model or "shipped")
         for path, alone in ((job.report, True), (job.page, False)):
             if path is not None:
-                from fdd.report import write_report
+                from fdd.report import render_report
 
-                settings = {
-                    "model": str(self.settings.model or "shipped"), "profile": found.unit.name,
-                    "log": found.log.name,
-                }  # fmt: skip
-                write_report(path, diagnosis, found.trajectories, samples, found.unit, settings, alone=alone)
+                shown = diagnosis, found.trajectories, samples, found.unit, told
+                write_text(path, render_report(*shown, alone=alone))
         if job.mcap is not None:
             from fdd.logs.mcap_writing import write_annotated
 

@@ -25,12 +25,8 @@ Figures = dict[str, float]
 
 def made(name: str) -> Any:
     """A new classifier, by the name of an entry point of the group ``fdd.classifiers`` or as
-    ``module:function``; the module may lie in the working folder.
-
-    Raises
-    ------
-    InputError : there is none, it does not load, or what it makes is no classifier.
-    """
+    ``module:function``, where the module may lie in the working folder; an InputError where there is none, it
+    does not load, or what it makes is no classifier."""
     known = {a.name: a for a in additions(CLASSIFIERS)}
     module, colon, function = name.partition(":")
     if not colon and name not in known:
@@ -59,14 +55,9 @@ def train_classifier(
 ) -> tuple[StoredClassifier, Figures]:
     """Train a classifier `made` by name on the units of train and validation, judge it on those of test.
 
-    Returns
-    -------
-    The classifier with its figures: accuracy, macro_f1, brier, and how many rows and units of test they rest
-    on; and accuracy and macro_f1 of fdd's own answers on the same rows.
-
-    Raises
-    ------
-    InputError : features that differ, too little to learn or to judge by, or the classifier refuses the data.
+    It comes with its figures: accuracy, macro_f1, brier, and how many rows and units of test they rest on;
+    beside it accuracy and macro_f1 of fdd's own answers on the same rows. An InputError where features
+    differ, there is too little to learn or to judge by, or the classifier refuses the data.
     """
     estimator = made(name)
     names = sets[0].names

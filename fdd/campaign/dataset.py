@@ -64,12 +64,8 @@ class Dataset:
 
     @classmethod
     def load(cls, directory: str | Path) -> Dataset:
-        """Open a data set and check that it is whole and unchanged.
-
-        Raises
-        ------
-        InputError : not a data set, unfinished, of another version, or labels or recipe were changed.
-        """
+        """Open a data set; an InputError where it is none, unfinished, of another version, or its labels or
+        recipe were changed."""
         directory = Path(directory)
         mend = "make one with: fdd generate RECIPE -o DIR"
         if not directory.is_dir():
@@ -102,12 +98,8 @@ class Dataset:
         return tuple(e for e in self.logs if e.unit == unit)
 
     def check(self, *files: str) -> None:
-        """Compare files below the data set's folder, all where none is given, with their SHA-256.
-
-        Raises
-        ------
-        InputError : a file is missing or was changed, or the data set has no hashes.
-        """
+        """Compare files below the data set's folder, all where none is given, with their SHA-256; an
+        InputError where one is missing or was changed, or the data set has no hashes."""
         if not (self.directory / SUMS).is_file():
             mend = f"write them with: fdd generate {self.directory / RECIPE} -o {self.directory}"
             raise InputError(f"no hashes of the files ({SUMS})", where=self.directory, mend=mend)
@@ -144,7 +136,7 @@ class Dataset:
         return Truth(columns["time"], {n: v for n, v in columns.items() if n in TRUTH}, severity)
 
     def baseline(self, unit: str) -> list[Samples]:
-        """What the `baseline_files` hold."""
+        """What `baseline_files` hold."""
         return [read_log(path).samples for path in self.baseline_files(unit)]
 
     def baseline_files(self, unit: str) -> list[Path]:
@@ -186,10 +178,8 @@ def digest(recipe_text: str, labels_text: str) -> str:
 def split_of(units: Sequence[str], seed: int = 0) -> dict[str, Split]:
     """Which units a learner sees, tunes by and is judged on: at random, the same way each time.
 
-    Returns
-    -------
-    Unit to its split: a fifth each for validation and test (at least one of three units or more; of two, one
-    is for test), the rest for training.
+    A fifth each is for validation and test (at least one of three units or more; of two, one is for test),
+    the rest for training.
 
     Examples
     --------
@@ -217,12 +207,8 @@ def over_units(
     *given: *Given,
     **how: Unpack[How],
 ) -> list[Result]:
-    """Join what `work` gives for the units of data sets, in their order; see `for_each_unit`.
-
-    Parameters
-    ----------
-    work : data set, unit's name and what is `given` to its results; a function of a module.
-    """
+    """Join what `work`, a function of a module, gives for the units of data sets, in their order: of the data
+    set, the unit's name and what is `given`. See `for_each_unit`."""
     folders = [data.directory / unit for data in map(Dataset.load, directories) for unit in data.units]
     return for_each_unit(partial(_opened, work, given), folders, **how)
 
@@ -236,25 +222,22 @@ def for_each_unit(
 ) -> list[Result]:
     """Join what `work` gives for each unit, in the order of the units.
 
-    Raises
-    ------
-    InputError : the last unit's, where all refuse. A unit that refuses alone, as a baseline that cannot be
-        identified, is left out with a warning.
+    A unit that refuses, as where a baseline cannot be identified, is left out with a warning; where all
+    refuse, the last one's InputError is raised.
     """
-    found: dict[int, list[Result]] = {}
-    refused: list[InputError] = []
-    progress = how.get("progress")
+    found: dict[int, list[Result] | InputError] = {}
+    progress = how.get("progress") or (lambda done, total: None)
     engine, workers = how.get("engine", "local"), how.get("workers", 1)
     for number, told in map_unordered(partial(_tried, work), units, engine=engine, workers=workers):
-        found[number] = [] if isinstance(told, InputError) else told
+        found[number] = told
         if isinstance(told, InputError):
-            refused.append(told)
             warnings.warn(f"{units[number]} left out: {told}", stacklevel=2)
-        if progress is not None:
-            progress(len(found), len(units))
+        progress(len(found), len(units))
+    refused = [told for told in found.values() if isinstance(told, InputError)]
     if refused and len(refused) == len(units):
         raise refused[-1]
-    return [result for number in range(len(units)) for result in found[number]]
+    whole = (found[number] for number in range(len(units)))
+    return [result for told in whole if not isinstance(told, InputError) for result in told]
 
 
 def _tried(work: Callable[[Job], list[Result]], unit: Job) -> list[Result] | InputError:

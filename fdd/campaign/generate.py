@@ -58,14 +58,13 @@ Job = tuple[int, str, tuple[tuple[str, ...], ...]]
 
 
 def generate(
-    recipe: Recipe,
-    directory: str | Path,
-    *,
-    workers: int | None = 1,
-    progress: Progress | None = None,
+    recipe: Recipe, directory: str | Path, *, workers: int | None = 1, progress: Progress | None = None,
     engine: Engine = "local",
-) -> Path:
+) -> Path:  # fmt: skip
     """Simulate everything that a recipe asks for and write it as a data set.
+
+    An InputError where the folder holds something else, can't be written, or a scenario can't be simulated;
+    logs that were finished are kept.
 
     Parameters
     ----------
@@ -74,11 +73,6 @@ def generate(
     workers, engine : see `fdd.engines.map_unordered`. A script that asks for more workers than one must keep
         its call under ``if __name__ == "__main__":``, as processes are spawned.
     progress : called with (done, total) after each run, baselines included.
-
-    Raises
-    ------
-    InputError : the folder holds something else, can't be written, or a scenario can't be simulated. Logs
-        that were finished are kept.
     """
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", mend="use 1 or more")
@@ -120,11 +114,10 @@ def make_run(recipe: Recipe, directory: Path, job: Job) -> None:
     folder.mkdir(exist_ok=True)
     kind, number = name.split("_")
     log = None if kind == "baseline" else int(number)
-    condition: Condition | None = None
+    condition = None if log is None else drawing.condition_of(recipe, index, log)
     if log is None:
         run = _baseline_run(recipe, rig, index, int(number))
     else:
-        condition = drawing.condition_of(recipe, index, log)
         run = _sane_run(recipe, rig, ("log", index, log), faults[log], condition)
     if name == _names(recipe)[0]:
         rig.unit.save(folder / dataset.TRUE_UNIT)
@@ -231,11 +224,8 @@ def _label(recipe: Recipe, rig: drawing.Rig, run: Simulation, name: str, log: in
         structure = {"structure": rig.structure.name, "fault_scales": figures}
     struck = {f.fault: struck_channel(f, rig.recording) for f in scenario.faults}
     channels = {fault: {"channel": channel} for fault, channel in struck.items() if channel is not None}
-    acting = np.ones(len(run.truth), dtype=bool)
-    for severity in run.truth.severity.values():
-        acting &= severity > 0.0
-    if not acting.any():
-        acting[:] = True
+    acting = np.all([np.ones(len(run.truth)), *(s > 0.0 for s in run.truth.severity.values())], axis=0)
+    acting |= not acting.any()
     return {
         "file": f"{unit}/{name}.{recipe.format}",
         "truth": None if log is None else f"{unit}/truth_{log:03d}.parquet",

@@ -169,9 +169,9 @@ def visibility(log: Samples, twin: Samples, unit: Unit, recording: Recording) ->
             gone = np.isnan(log[channel]) & ~np.isnan(twin[channel])
             change = log[channel] - twin[channel]
             change = change[~np.isnan(change)] / noise
-            rms = float(np.sqrt(np.mean(change**2))) if change.size else 0.0
-            peak = float(np.abs(change).max(initial=0.0))
-            figures = {"noise": noise, "rms": rms, "peak": peak, "lost": float(gone.mean())}
+            rms = np.sqrt(np.mean(change**2)) if change.size else 0.0
+            peak = np.abs(change).max(initial=0.0)
+            figures = {"noise": noise, "rms": rms, "peak": peak, "lost": gone.mean()}
             found[channel] = ChannelVisibility(**{n: float(f"{v:.6g}") for n, v in figures.items()})
     return found
 

@@ -118,18 +118,14 @@ def _fault(name: str, recipe: Recipe, rig: Rig, duration: float, rng: Rng) -> Fa
     # A drift grows by itself: ramped or interrupted it would be another fault.
     steps = name == "pressure_sensor_drift" or not sum(profiles.values()) > 0.0
     profile: Any = "step" if steps else chosen(rng, profiles)
-    left = duration - onset
+    severities = recipe.faults[name].severity or recipe.severity
     return FaultSpec(
-        fault=name,
-        severity=round(uniform(rng, recipe.faults[name].severity or recipe.severity), 3),
-        onset=round(onset, 3),
-        profile=profile,
-        ramp=round(uniform(rng, (0.15, 0.5)) * left, 3),
-        period=round(uniform(rng, (4.0, 10.0)), 3),
-        duty=round(uniform(rng, (0.4, 0.7)), 3),
+        fault=name, severity=round(uniform(rng, severities), 3), onset=round(onset, 3), profile=profile,
+        ramp=round(uniform(rng, (0.15, 0.5)) * (duration - onset), 3),
+        period=round(uniform(rng, (4.0, 10.0)), 3), duty=round(uniform(rng, (0.4, 0.7)), 3),
         side=int(rng.choice(entry.sides)) if entry.sides else None,
         variant=str(rng.choice(variants)) if variants else None,
-    )
+    )  # fmt: skip
 
 
 def _by_law(spec: FaultSpec, recipe: Recipe, rng: Rng) -> FaultSpec:
@@ -187,15 +183,9 @@ def _load(
 
 
 def fitting_duty(
-    name: str,
-    unit: Unit,
-    rng: Rng,
-    ranges: Mapping[str, tuple[float, float]],
-    *,
-    speed: bool,
-    gain: float,
+    name: str, unit: Unit, rng: Rng, ranges: Mapping[str, tuple[float, float]], *, speed: bool, gain: float,
     scale: Scale = NEUTRAL,
-) -> tuple[Duty, Control]:
+) -> tuple[Duty, Control]:  # fmt: skip
     """Draw a duty of that kind which the unit's stroke, areas, displacement and drive allow, and its control.
 
     Parameters

@@ -139,12 +139,8 @@ def _freedom(weights: Array, told: Array, freedom: float) -> float:
 
 
 def learn_spreads(directories: Sequence[str | Path], **how: Unpack[How]) -> Spreads:
-    """Learn from healthy logs and healthy twins of data sets with baselines.
-
-    Raises
-    ------
-    InputError : not a data set, or too few units.
-    """
+    """Learn from healthy logs and healthy twins of data sets with baselines; an InputError where one is no
+    data set, or units are too few."""
     sets = [Dataset.load(d) for d in directories]
     if (number := sum(len(data.units) for data in sets)) < LEAST_UNITS:
         problem = f"{number} units: at least {LEAST_UNITS} are needed to learn what units differ by"

@@ -67,15 +67,9 @@ class ScoredLog:
 
 
 def train(directories: Sequence[str | Path], *, spreads: Spreads | None = None, **how: Unpack[How]) -> Model:
-    """Learn a model from data sets.
+    """Learn a model from data sets; an InputError where one is none, has no baselines, or they are too small.
 
-    Parameters
-    ----------
-    spreads : what healthy units and logs differ by, of `learn_spreads`; None takes the shipped ones.
-
-    Raises
-    ------
-    InputError : not a data set, without baselines, or too small.
+    `spreads` are what healthy units and logs differ by, of `learn_spreads`; None takes the shipped ones.
     """
     logs = over_units(_scored, directories, spreads, **how)
     model = learnt(logs, ", ".join(Dataset.load(d).described for d in directories))

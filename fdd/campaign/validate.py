@@ -29,12 +29,8 @@ SETTLED_S = 5.0
 
 
 def validate(directory: str | Path, model: Model | None = None, **how: Unpack[How]) -> list[Outcome]:
-    """Diagnose every log of a data set on profiles identified from its units' own baselines.
-
-    Raises
-    ------
-    InputError : not a data set, or without baselines.
-    """
+    """Diagnose every log of a data set on profiles identified from its units' own baselines; an InputError
+    where it is no data set, or one without baselines."""
     return over_units(_unit_outcomes, [directory], model or Model.load(), **how)
 
 

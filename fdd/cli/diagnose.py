@@ -77,13 +77,18 @@ def diagnose(
     ] = False,
 ) -> None:  # fmt: skip
     """Diagnose logs: is there a fault, since when, which one, and how severe."""
-    from fdd.cli.batch import AnswersFolder, find_logs, worked
-    from fdd.offline import Diagnoser, Settings
+    from fdd.cli.batch import AnswersFolder, file_names, find_logs, names_of, worked
+    from fdd.offline import Diagnoser, Job, Settings
 
     if resume and output_ is None:
         raise InputError("--resume needs --output", mend="name the folder of the earlier run")
     folder = None if output_ is None else AnswersFolder(output_)
-    jobs = _jobs(find_logs(logs, leave_out=output_), report, mcap, folder)
+    paths = find_logs(logs, leave_out=output_)
+    reports = output_paths(report, paths, ".html", "--report")
+    mcaps = output_paths(mcap, paths, ".mcap", "--mcap")
+    names = names_of(paths)
+    pages = [folder.page(name) if folder else None for name in file_names(names)]
+    jobs = [Job(*each) for each in zip(paths, names, reports, pages, mcaps, strict=True)]
     written = [p for job in jobs for p in (job.report, job.mcap)]
     require_outputs(json_, *written, inputs=(job.path for job in jobs))
     trackers = tuple(dict.fromkeys(tracker or ()))
@@ -138,19 +143,6 @@ def status_of(answers: Sequence[Diagnosis]) -> int:
     if any(a.error for a in answers):
         return USAGE
     return INCONCLUSIVE_STATUS if any(a.verdict == "inconclusive" for a in answers) else 0
-
-
-def _jobs(
-    logs: Sequence[Path], report: str | None, mcap: str | None, folder: AnswersFolder | None
-) -> list[Job]:
-    from fdd.cli.batch import file_names, names_of
-    from fdd.offline import Job
-
-    reports = output_paths(report, logs, ".html", "--report")
-    mcaps = output_paths(mcap, logs, ".mcap", "--mcap")
-    names = names_of(logs)
-    pages = [folder.page(name) if folder else None for name in file_names(names)]
-    return [Job(*each) for each in zip(logs, names, reports, pages, mcaps, strict=True)]
 
 
 def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> tuple[Diagnosis, Unit]:

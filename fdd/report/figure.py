@@ -47,11 +47,7 @@ def draw_diagnosis(diagnosis: Diagnosis, trajectories: Trajectories, samples: Sa
     """Draw signals, estimates with their 95 % bands and the test statistic over one time axis.
 
     Onsets (with their 80 % interval) and alarms of what was found go through all panels. Stretches in which
-    a quantity could not be known are shaded.
-
-    Raises
-    ------
-    InputError : matplotlib is missing.
+    a quantity could not be known are shaded. An InputError where matplotlib is missing.
     """
     require_matplotlib()
     import matplotlib

@@ -28,7 +28,7 @@ from markupsafe import Markup
 
 import fdd
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Trajectories
-from fdd.files import whole_file, write_text
+from fdd.files import whole_file
 from fdd.report import tables
 from fdd.report.plots import Figure, Section, sections
 from fdd.report.words import MARKS, candidates, percent, second_opinion_words, seconds, span, verdict_words
@@ -71,23 +71,12 @@ def render_report(
     )  # fmt: skip
 
 
-def write_report(
-    path: str | Path, diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples, unit: Unit,
-    settings: dict[str, str], *, alone: bool = True,
-) -> None:  # fmt: skip
-    """Write the report whole or not at all, see `render_report`; an InputError where that cannot be."""
-    write_text(path, render_report(diagnosis, trajectories, samples, unit, settings, alone=alone))
-
-
 def page(
     name: str, figures: list[Figure], *, alone: bool = True, made: datetime | None = None, **shown: object
 ) -> str:
     """A page from its template, with its figures, what draws them, and a policy that lets nothing else run.
 
-    Parameters
-    ----------
-    alone : the page holds plotly.js (0.7 MB); else it loads the one beside it, see `write_bundle`.
-    made : when; now, where None.
+    `alone` it holds plotly.js (0.7 MB); else it loads the one beside it, see `write_bundle`.
     """
     plain = [{"id": f.id, "data": f.data, "layout": f.layout, "height": f.height} for f in figures]
     bundle, bundle_hash = _bundle() if alone else ("", "")
@@ -96,10 +85,10 @@ def page(
     # run, and nothing else that stands in the page.
     others = bundle_hash if alone else "'strict-dynamic'"
     drawn = json.dumps(plain, allow_nan=False, separators=(",", ":")).encode("ascii")
+    packed = base64.b64encode(gzip.compress(drawn, 6, mtime=0)).decode("ascii")  # the script unpacks it
     return _template(name).render(
-        **shown, made=_stamp(made), style=Markup(_part("page.css")), figures=_packed(drawn),
-        bundle=bundle, script=Markup(script),
-        script_sources=Markup(f"{_source_hash(script.encode())} {others}"),
+        **shown, made=_stamp(made), style=Markup(_part("page.css")), figures=packed, bundle=bundle,
+        script=Markup(script), script_sources=Markup(f"{_source_hash(script.encode())} {others}"),
     )  # fmt: skip
 
 
@@ -168,10 +157,8 @@ def _worst_first(row: Row) -> tuple[int, float, float]:
 
 
 def render_index(rows: Sequence[Row], *, missing: int = 0) -> str:
-    """The page that lists the logs, worst first, as HTML that needs no network and runs its one script only.
-
-    `missing` counts logs that were not reached. Text from logs is escaped.
-    """
+    """The page that lists the logs, worst first, as HTML that runs its one script only; `missing` counts logs
+    that were not reached. Text from logs is escaped."""
     counts = Counter(row.state for row in rows)
     script = _part("index.js")
     return _template("index.html").render(
@@ -236,8 +223,8 @@ def cell(value: object) -> object:
 def _versions() -> list[tuple[str, str]]:
     """Versions of what computed the diagnosis."""
     libraries = [(name, metadata.version(name)) for name in ("numpy", "scipy", "numba", "scikit-learn")]
-    own = [("fdd", fdd.__version__), ("Python", platform.python_version())]
-    return [*own, *libraries, ("plotly.js", PLOTLY_VERSION)]
+    fdd_itself = [("fdd", fdd.__version__), ("Python", platform.python_version())]
+    return [*fdd_itself, *libraries, ("plotly.js", PLOTLY_VERSION)]
 
 
 def _stamp(made: datetime | None = None) -> str:
@@ -263,11 +250,6 @@ def _template(name: str) -> jinja2.Template:
 def _part(name: str) -> str:
     """The text of a part of a page, e.g. ``"page.css"``."""
     return (resources.files("fdd.report") / f"{name}.j2").read_text(encoding="utf-8")
-
-
-def _packed(data: bytes) -> str:
-    """Base64 of gzip, which the page's script unpacks."""
-    return base64.b64encode(gzip.compress(data, 6, mtime=0)).decode("ascii")
 
 
 @lru_cache(maxsize=1)

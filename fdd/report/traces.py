@@ -159,20 +159,12 @@ def upright_label(at: float, text: str, *, left: bool) -> dict[str, Any]:
 
 
 def decimate(time: Column, values: Column, buckets: int = BUCKETS) -> tuple[Column, Column]:
-    """Keep each bucket's first, lowest, highest and last value, and its gaps.
+    """Keep each bucket's first, lowest, highest and last value, and its gaps; all where n is small already.
 
-    The line drawn through what is kept covers the same pixels as the line
-    through everything: M4 of Jugel et al., doi:10.14778/2732951.2732953, with
-    missing values kept as breaks.
-
-    Parameters
-    ----------
-    time : (n,) increasing. values : (n,), NaN where missing.
-    buckets : of equal length; at most `KEPT_PER_BUCKET` points are kept of each, four where none is missing.
-
-    Returns
-    -------
-    time, values : (k,) what is kept, in order; all of it where n is small already.
+    The line drawn through what is kept (k,) covers the same pixels as the line through everything: M4 of
+    Jugel et al., doi:10.14778/2732951.2732953, with missing values kept as breaks. Of increasing `time` (n,)
+    and `values` (n,), NaN where missing, at most `KEPT_PER_BUCKET` points are kept of each of the `buckets` of
+    equal length, four where none is missing.
 
     Examples
     --------
