@@ -13,8 +13,7 @@ import pandas as pd
 from fdd.campaign.dataset import Dataset
 from fdd.campaign.labels import Entry
 from fdd.campaign.scores import wilson
-from fdd.campaign.spreads import healthy_logs
-from fdd.campaign.train import identified_unit
+from fdd.campaign.spreads import healthy_logs, identified_unit
 from fdd.diagnosis.departures import VAGUE, departures
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import Diagnosis

@@ -21,7 +21,7 @@ from pyarrow import parquet
 from fdd import __version__
 from fdd.campaign.dataset import Dataset, How, Split, over_units, split_of
 from fdd.campaign.labels import HEALTHY, Manifest
-from fdd.campaign.train import identified_unit
+from fdd.campaign.spreads import identified_unit
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.files import whole_file

@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from scipy.special import digamma
 
 from fdd.campaign.dataset import Dataset, How, over_units
-from fdd.diagnosis.baseline import baseline_of, effects_of, histories_of, history_of
+from fdd.diagnosis.baseline import add_baseline, baseline_of, effects_of, histories_of, history_of
 from fdd.diagnosis.random_effects import log_effects, log_equations
 from fdd.errors import InputError
 from fdd.identification.identify import identify_unit
@@ -172,6 +172,15 @@ def _balance(name: str, spread: Spread, old: BalanceSpread) -> BalanceSpread:
             within=old.coefficients[c].within, wander=old.coefficients[c].wander,
         )  # fmt: skip
     return BalanceSpread(noise=rounded(spread.noise), coefficients=coefficients)
+
+
+def identified_unit(data: Dataset, unit: str, spreads: Spreads | None = None) -> Unit:
+    """The unit's profile from its baseline runs and the profile that it was varied from."""
+    runs = data.baseline(unit)
+    if not runs:
+        mend = "set baseline: true in the recipe"
+        raise InputError("data set without baseline runs", where=data.directory, mend=mend)
+    return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs, spreads)
 
 
 @dataclass(frozen=True)

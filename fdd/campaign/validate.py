@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fdd.campaign.dataset import Dataset, How, over_units
 from fdd.campaign.labels import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.campaign.scores import Outcome, figures, wilson
-from fdd.campaign.train import identified_unit
+from fdd.campaign.spreads import identified_unit
 from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
