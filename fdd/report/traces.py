@@ -163,8 +163,8 @@ def decimate(time: Column, values: Column, buckets: int = BUCKETS) -> tuple[Colu
 
     The line drawn through what is kept (k,) covers the same pixels as the line through everything: M4 of
     Jugel et al., doi:10.14778/2732951.2732953, with missing values kept as breaks. Of increasing `time` (n,)
-    and `values` (n,), NaN where missing, at most `KEPT_PER_BUCKET` points are kept of each of `buckets` of equal
-    length, four where none is missing.
+    and `values` (n,), NaN where missing, each of `buckets` of equal length keeps at most `KEPT_PER_BUCKET`
+    points, four where none is missing.
 
     Examples
     --------
