@@ -183,7 +183,7 @@ class Diagnoser:
     def diagnose(
         self, job: Job, log: Log, advance: Advance = lambda done: None, *, keep_trajectories: bool = True
     ) -> Diagnosed:
-        """Diagnose the job's log; see `answer`."""
+        """Diagnose the job's log, see `answer`."""
         found = self.answer(log, job.name, str(job.path), advance, keep_trajectories=keep_trajectories)
         found.diagnosis.sha256 = self.hashes(job.path)
         return found
@@ -248,8 +248,8 @@ def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
     where nobody chose it; an InputError where there is no such profile, or an unusable one."""
     if given is not None:
         return Unit.load(given), None
-    text = None if log is None else log.metadata.get("unit", {}).get("yaml")
-    if text is not None and log is not None:
+    axis = None if log is None else log.axis
+    if log is not None and (text := log.metadata.get("unit", {}).get("yaml")) is not None:
         where = f"{log.name}, unit profile in its metadata"
         if len(text) > MAX_UNIT_BYTES:
             raise InputError(f"larger than {MAX_UNIT_BYTES} bytes", where=where, mend="give --unit")
@@ -257,7 +257,6 @@ def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
             return _parsed(text), None
         except InputError as error:
             raise InputError(error.problem, where=where, mend=error.mend) from None
-    axis = None if log is None else log.axis
     taken = axis if axis in shipped_units() else DEFAULT_UNIT
     note = f"no unit profile given: taken for {taken} (give --unit, or make one with fdd identify)"
     return Unit.load(taken), note
@@ -271,10 +270,8 @@ def _parsed(text: str) -> Unit:
 
 def quality_of(found: DataQuality, notes: tuple[str, ...] = ()) -> Quality:
     """The reader's counts and notes as the answer carries them."""
-    return Quality(
-        dropped_samples=found.dropped_samples, nan_samples=found.nan_samples, time_jumps=found.time_jumps,
-        notes=[*found.notes, *notes],
-    )  # fmt: skip
+    counts = {name: getattr(found, name) for name in ("dropped_samples", "nan_samples", "time_jumps")}
+    return Quality(**counts, notes=[*found.notes, *notes])
 
 
 def printable(name: str) -> str:

@@ -202,11 +202,9 @@ class How(TypedDict, total=False):
 
 
 def over_units(
-    work: Callable[[Dataset, str, *Given], list[Result]],
-    directories: Sequence[str | Path],
-    *given: *Given,
+    work: Callable[[Dataset, str, *Given], list[Result]], directories: Sequence[str | Path], *given: *Given,
     **how: Unpack[How],
-) -> list[Result]:
+) -> list[Result]:  # fmt: skip
     """Join what `work`, a function of a module, gives for the units of data sets, in their order: of the data
     set, the unit's name and what is `given`. See `for_each_unit`."""
     folders = [data.directory / unit for data in map(Dataset.load, directories) for unit in data.units]

@@ -36,10 +36,8 @@ THROTTLED_SPEEDS = (60.0, 85.0, 110.0)
 """rad/s, of the throttled strokes; the largest pressure comes with the last."""
 THROTTLED_PRESSURE = (2.1e6, 2.8e6)
 """Pa, that largest pressure's range."""
-
 COUNTED = ("pump_angle", "pump_speed", "position", "command")
 """Channels of incremental encoders and set-points: their gain is exact."""
-
 LEAST_ROOM = 1.2
 """Volume of a drawn machine's chamber at mid-stroke, at least, over what half a stroke displaces."""
 

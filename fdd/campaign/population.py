@@ -166,9 +166,7 @@ BETWEEN_UNITS: dict[str, dict[str, Spread]] = {
 density)."""
 OIL_VOLUME = {"oil_volume": Spread("normal", 0.1, "as gas_volume")}
 """Of an accumulator whose profile states it."""
-
 AREA_RATIO = Spread("normal", 0.003, "assumption: both chambers have the bore in common, the rod is ground")
-
 _SEALS = "assumption: seals' squeeze and roughness from one cylinder to the next, 15 to 20 %"
 FRICTION_LEVEL = Spread("lognormal", 0.17, _SEALS)
 """Of Coulomb and static friction, both directions."""
@@ -180,7 +178,6 @@ FRICTION: dict[str, Spread] = {
     "viscous": Spread("normal", 0.15, "thesis Table 5.2: 109 to 138 N·s/m in three branches"),
 }
 """Of each direction by itself, beside `FRICTION_LEVEL`."""
-
 CHARGE = Spread("normal", 0.03, "assumption: a reading by gauge, and what leaked since")
 _SHIFT = "assumption: transducers typically shift by 0.2 % of their range per 10 K; bodies differ by 1.5 K"
 WARM_ZERO = Spread("normal", 0.25, _SHIFT)

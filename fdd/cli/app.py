@@ -27,11 +27,9 @@ ANSWERS = ("diagnosis", "comparison", "trend")
 
 
 app = typer.Typer(
-    name="fdd",
-    cls=Commands,
-    pretty_exceptions_enable=False,
+    name="fdd", cls=Commands, pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-)
+)  # fmt: skip
 
 
 def _show_version(wanted: bool) -> None:

@@ -88,13 +88,9 @@ def counted(title: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def grid(
-    columns: Iterable[str],
-    rows: Iterable[Sequence[str]] = (),
-    *,
-    numbers: Collection[str] = (),
-    whole: Collection[str] = (),
-    **shape: Any,
-) -> Table:
+    columns: Iterable[str], rows: Iterable[Sequence[str]] = (), *, numbers: Collection[str] = (),
+    whole: Collection[str] = (), **shape: Any,
+) -> Table:  # fmt: skip
     """A table of plain text, of that `shape` of rich's.
 
     `numbers` are the columns that stand to the right, `whole` those beside them that are never wrapped.

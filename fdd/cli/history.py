@@ -48,12 +48,11 @@ def compare(
     diagnoser = Diagnoser(Settings(unit, map_, None, axis))
     jobs = [Job(path, name) for path, name in zip((a, b), names_of([a, b]), strict=True)]
     logs = [diagnoser.read(job) for job in jobs]
-    notes = []
+    note = None
     if diagnoser.unit is None:  # the profile in log A, or the default, is for both
         diagnoser.unit, note = unit_of(logs[0], None)
-        notes = [note] if note else []
         if note is None and len({log.metadata.get("unit", {}).get("yaml") for log in logs}) > 1:
-            notes = ["the logs carry different profiles: both are diagnosed on that in A"]
+            note = "the logs carry different profiles: both are diagnosed on that in A"
     sides = []
     with progress("diagnosing 2 logs", 2) as advance:
         for job, log in zip(jobs, logs, strict=True):
@@ -61,7 +60,7 @@ def compare(
             sides.append(Side(found.diagnosis, found.trajectories, log.samples))
             advance(float(len(sides)))
     answer, spectra = compared(sides[0], sides[1], diagnoser.unit)
-    answer.notes += notes
+    answer.notes += [note] if note else []
     told = answer.model_dump_json(by_alias=True, indent=2)
     tell_sheet(told, compare_sheet(answer, spectra), json_, report)
 

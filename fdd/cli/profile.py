@@ -158,21 +158,16 @@ def identify(
     verbose: Annotated[bool, typer.Option(help="Sensors and notes too.")] = False,
 ) -> None:  # fmt: skip
     """Identify a unit from its healthy logs, so that its own spread is no fault."""
-    from fdd.cli.console import progress
+    from fdd.cli.console import output, progress
     from fdd.identification.from_logs import identify_logs
 
     require_outputs(json_, out)
     made = identify_logs(logs, base, map_, add=add, axis=axis, name=name, accept=accept, progress=progress)
-    made.unit.save(out)
-    write_json(json_, json.dumps(_as_data(made), indent=1, ensure_ascii=False))
-    if json_ != "-":
-        _print_result(made, out, verbose=verbose)
-
-
-def _print_result(made: Identified, out: Path, *, verbose: bool) -> None:
-    from fdd.cli.console import output
-
     found, judged, unit = made.found, made.judged, made.unit
+    unit.save(out)
+    write_json(json_, json.dumps(_as_data(made), indent=1, ensure_ascii=False))
+    if json_ == "-":
+        return
     console = output()
     console.print(judged.sentence + (" (accepted)" if judged.refusals else ""), soft_wrap=True)
     console.print(_physics_table(found, sensors=verbose, notes=verbose and console.width >= WIDE))
