@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from fdd.errors import InputError
     from fdd.identification.from_logs import identify
     from fdd.logs.read import read_log
-    from fdd.offline.diagnose import diagnose
+    from fdd.offline import diagnose
     from fdd.plant.scenario import Scenario
     from fdd.plant.simulate import simulate
     from fdd.samples import Samples
@@ -53,7 +53,7 @@ if not TYPE_CHECKING:  # or every name would be one for type checkers
     _HOMES = {
         "Diagnosis": "fdd.diagnosis.findings", "InputError": "fdd.errors",
         "Pipeline": "fdd.diagnosis.pipeline", "Samples": "fdd.samples", "Scenario": "fdd.plant.scenario",
-        "Unit": "fdd.unit", "diagnose": "fdd.offline.diagnose",
+        "Unit": "fdd.unit", "diagnose": "fdd.offline",
         "identify": "fdd.identification.from_logs", "load_dataset": "fdd.campaign.loading",
         "read_log": "fdd.logs.read", "simulate": "fdd.plant.simulate",
     }  # fmt: skip

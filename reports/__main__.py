@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fdd.campaign.units import How, over_units
+from fdd.campaign.dataset import How, over_units
 from fdd.cli.console import counted
 from fdd.cli.failures import Commands, prepare_process
 from fdd.cli.options import EngineOption, WorkersOption

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from fdd.campaign.dataset import Dataset, Entry
+from fdd.campaign.dataset import Dataset
+from fdd.campaign.labels import Entry
 from fdd.campaign.scores import wilson
-from fdd.campaign.spreads import healthy_logs
-from fdd.campaign.train import identified_unit
+from fdd.campaign.spreads import healthy_logs, identified_unit
 from fdd.diagnosis.baseline import scattered
 from fdd.diagnosis.departures import VAGUE, departures
 from fdd.diagnosis.evidence import Evidence

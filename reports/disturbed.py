@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fdd.campaign.dataset import Dataset
-from fdd.campaign.train import identified_unit
+from fdd.campaign.spreads import identified_unit
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.model import Model

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from fdd.campaign.dataset import Conditions, Entry, Label
+from fdd.campaign.labels import Conditions, Entry, Label
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Quality
 from fdd.faults import CATALOGUE
 

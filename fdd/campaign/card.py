@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from fdd.campaign import dataset
-from fdd.campaign.dataset import LABELS, MANIFEST, RECIPE, SUMS, Dataset, Entry
-from fdd.campaign.visibility import CLASSES, ROWS_LOST, SEVERAL, visibility_class
+from fdd.campaign.dataset import LABELS, MANIFEST, RECIPE, SUMS, Dataset
+from fdd.campaign.labels import CLASSES, ROWS_LOST, SEVERAL, Entry, visibility_class
 from fdd.faults import CATALOGUE
 from fdd.files import sha256_of, write_text
 from fdd.markdown import table

@@ -1,24 +1,27 @@
-"""A generated data set, read back: its logs with their labels, the truth, the units' calibration runs."""
+"""A generated data set, read back: its logs with their labels, the truth, the units' calibration runs; and
+the same work for each of its units, in as many processes as are wanted."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Literal, TypedDict, TypeVar, TypeVarTuple, Unpack
 
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from fdd.bounds import MAX_JSON_BYTES
+from fdd.campaign.labels import Entry, Manifest
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.visibility import ChannelVisibility
+from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError, input_error
 from fdd.files import sha256_of
 from fdd.logs import read_log
 from fdd.plant.truth import TRUTH, Truth
-from fdd.plant.validated import Validated
 from fdd.samples import Samples
 from fdd.unit import Unit
 from fdd.yaml_reading import yaml_text
@@ -41,104 +44,11 @@ SHARE = 0.2
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 M = TypeVar("M")
-HEALTHY = "healthy"
+Progress = Callable[[int, int], None]
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+Given = TypeVarTuple("Given")
 AGAIN = "copy the data set again or generate it anew"
-RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]+/[A-Za-z0-9_.\-]+$", max_length=200)]
-
-
-class Label(Validated):
-    """One injected fault, as the plant labels it; data of versions without laws have none."""
-
-    fault: str
-    family: str
-    severity: float
-    onset_s: float
-    profile: str
-    side: int | None = None
-    variant: str | None = None
-    law: str | None = None
-    axis: int = 1
-    channel: str | None = None
-
-
-class Conditions(Validated):
-    """What a table of results is broken down by."""
-
-    load: str
-    duty: str
-    control: str
-    oil_temperature: float
-    charge_factor: float
-    seed: int
-
-
-class Entry(Validated):
-    """One log of a data set.
-
-    Attributes
-    ----------
-    file, truth : paths below the data set's folder.
-    base : profile that its unit was varied from.
-    structure, condition : of the recipe; empty where it has none.
-    fault_scales : figures of severity 1, see `fdd.plant.faults.spec.FaultScales`; empty without structures.
-    truth_medians : true leakage (m³/(s·Pa)), bulk modulus (Pa), Coulomb (N) and viscous friction
-        (N·s/m): medians while all faults act, or over the log if healthy.
-    twin : path of the same log without its faults; None for a healthy log, or where none was made.
-    visibility : by channel, with a twin, what the faults do to the log, over the sensor's noise.
-    largest_rms, visible : of it, see `fdd.campaign.visibility`.
-    """
-
-    file: RelativePath
-    truth: RelativePath
-    unit: str
-    base: str
-    structure: str = ""
-    condition: str = ""
-    fault_scales: dict[str, float] = Field(default_factory=dict)
-    duration_s: float
-    samples: int
-    faults: tuple[Label, ...]
-    scenario: Conditions
-    truth_medians: dict[str, float]
-    twin: RelativePath | None = None
-    visibility: dict[str, ChannelVisibility] | None = None
-    largest_rms: float | None = None
-    visible: bool | None = None
-
-    @property
-    def healthy(self) -> bool:
-        """Whether no fault was injected."""
-        return not self.faults
-
-    @property
-    def family(self) -> str:
-        """Family of the first fault, or ``healthy``."""
-        return self.faults[0].family if self.faults else HEALTHY
-
-    @property
-    def told(self) -> dict[str, Any]:
-        """What tables say of it: file, unit, and the first fault with its severity and onset."""
-        lead = self.faults[0] if self.faults else None
-        return {
-            "file": self.file, "unit": self.unit, "fault": lead.fault if lead else HEALTHY,
-            "faults": " ".join(f.fault for f in self.faults) or HEALTHY, "family": self.family,
-            "severity": lead.severity if lead else 0.0, "onset_s": lead.onset_s if lead else None,
-            "structure": self.structure,
-        }  # fmt: skip
-
-
-class Manifest(Validated):
-    """What a data set says of itself; it is written last."""
-
-    schema_: Annotated[Literal["fdd.dataset/1"], Field(alias="schema")]
-    name: str
-    version: str
-    seed: int
-    units: int
-    number: int
-    hours: float
-    baselines: dict[str, tuple[RelativePath, ...]]
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -153,12 +63,8 @@ class Dataset:
 
     @classmethod
     def load(cls, directory: str | Path) -> Dataset:
-        """Open a data set and check that it is whole and unchanged.
-
-        Raises
-        ------
-        InputError : not a data set, unfinished, of another version, or labels or recipe were changed.
-        """
+        """Open a data set; an InputError where it is none, unfinished, of another version, or its labels or
+        recipe were changed."""
         directory = Path(directory)
         mend = "make one with: fdd generate RECIPE -o DIR"
         if not directory.is_dir():
@@ -191,12 +97,8 @@ class Dataset:
         return tuple(e for e in self.logs if e.unit == unit)
 
     def check(self, *files: str) -> None:
-        """Compare files below the data set's folder, all where none is given, with their SHA-256.
-
-        Raises
-        ------
-        InputError : a file is missing or was changed, or the data set has no hashes.
-        """
+        """Compare files below the data set's folder, all where none is given, with their SHA-256; an
+        InputError where one is missing or was changed, or the data set has no hashes."""
         if not (self.directory / SUMS).is_file():
             mend = f"write them with: fdd generate {self.directory / RECIPE} -o {self.directory}"
             raise InputError(f"no hashes of the files ({SUMS})", where=self.directory, mend=mend)
@@ -233,7 +135,7 @@ class Dataset:
         return Truth(columns["time"], {n: v for n, v in columns.items() if n in TRUTH}, severity)
 
     def baseline(self, unit: str) -> list[Samples]:
-        """What the `baseline_files` hold."""
+        """What `baseline_files` hold."""
         return [read_log(path).samples for path in self.baseline_files(unit)]
 
     def baseline_files(self, unit: str) -> list[Path]:
@@ -275,10 +177,8 @@ def digest(recipe_text: str, labels_text: str) -> str:
 def split_of(units: Sequence[str], seed: int = 0) -> dict[str, Split]:
     """Which units a learner sees, tunes by and is judged on: at random, the same way each time.
 
-    Returns
-    -------
-    Unit to its split: a fifth each for validation and test (at least one of three units or more; of two, one
-    is for test), the rest for training.
+    A fifth each is for validation and test (at least one of three units or more; of two, one is for test),
+    the rest for training.
 
     Examples
     --------
@@ -290,3 +190,55 @@ def split_of(units: Sequence[str], seed: int = 0) -> dict[str, Split]:
     test = set(order[:held] if len(order) > 1 else ())
     validation = set(order[held : 2 * held] if len(order) > 2 else ())
     return {u: "test" if u in test else "validation" if u in validation else "train" for u in units}
+
+
+class How(TypedDict, total=False):
+    """Where units are worked, see `fdd.engines.map_unordered`; `progress` is told (done, total) units."""
+
+    workers: int | None
+    progress: Progress | None
+    engine: Engine
+
+
+def over_units(
+    work: Callable[[Dataset, str, *Given], list[Result]], directories: Sequence[str | Path], *given: *Given,
+    **how: Unpack[How],
+) -> list[Result]:  # fmt: skip
+    """Join what `work`, a function of a module, gives for the units of data sets, in their order: of the data
+    set, the unit's name and what is `given`. See `for_each_unit`."""
+    folders = [data.directory / unit for data in map(Dataset.load, directories) for unit in data.units]
+    return for_each_unit(partial(_opened, work, given), folders, **how)
+
+
+def _opened(work: Callable[..., list[Result]], given: tuple[object, ...], folder: Path) -> list[Result]:
+    return work(Dataset.load(folder.parent), folder.name, *given)
+
+
+def for_each_unit(
+    work: Callable[[Job], list[Result]], units: Sequence[Job], **how: Unpack[How]
+) -> list[Result]:
+    """Join what `work` gives for each unit, in the order of the units.
+
+    A unit that refuses, as where a baseline cannot be identified, is left out with a warning; where all
+    refuse, the last one's InputError is raised.
+    """
+    found: dict[int, list[Result] | InputError] = {}
+    progress = how.get("progress") or (lambda done, total: None)
+    engine, workers = how.get("engine", "local"), how.get("workers", 1)
+    for number, told in map_unordered(partial(_tried, work), units, engine=engine, workers=workers):
+        found[number] = told
+        if isinstance(told, InputError):
+            warnings.warn(f"{units[number]} left out: {told}", stacklevel=2)
+        progress(len(found), len(units))
+    refused = [told for told in found.values() if isinstance(told, InputError)]
+    if refused and len(refused) == len(units):
+        raise refused[-1]
+    whole = (found[number] for number in range(len(units)))
+    return [result for told in whole if not isinstance(told, InputError) for result in told]
+
+
+def _tried(work: Callable[[Job], list[Result]], unit: Job) -> list[Result] | InputError:
+    try:
+        return work(unit)
+    except InputError as error:
+        return error

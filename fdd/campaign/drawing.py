@@ -1,4 +1,4 @@
-"""Drawing units, faults and scenarios from a recipe.
+"""Drawing units from a recipe, who has which fault, and the healthy calibration runs of each unit.
 
 Everything is a pure function of the recipe and of indices: each unit, log and attempt has a random
 stream of its own, so that neither the number of workers nor the order of work changes anything.
@@ -14,35 +14,32 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fdd.campaign import population
-from fdd.campaign.motion import changing, drawn_mission, fitting_duty
-from fdd.campaign.population import BETWEEN_UNITS, Spread
-from fdd.campaign.ranges import Rng, apportioned, chosen, drawn, log_uniform, uniform
+from fdd.campaign.population import BETWEEN_UNITS, Rng, Spread, apportioned, chosen, drawn, log_uniform
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import NEUTRAL, Scale
-from fdd.campaign.structures import EQUAL, Condition, Departure, Structure
-from fdd.faults import CATALOGUE
+from fdd.campaign.structures import Condition, Departure, Structure
 from fdd.plant.details import Details
-from fdd.plant.duty import ConstantSpeed, Duty
-from fdd.plant.faults.injection import STATE_BORNE
-from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.plant.load import LOADS, Load
+from fdd.plant.duty import AnyDuty, ConstantSpeed, Sines
+from fdd.plant.load import AnyLoad, NoLoad, ThrottleLoad
 from fdd.plant.scenario import Control, Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.unit import Cylinder, Section, Unit
 
 S = TypeVar("S", bound=Section)
 
+SPEEDS = (50.0, 105.0, 200.0)
+"""rad/s, of the free strokes."""
+MULTI_SINE_HZ = (0.3, 25.0)
+ORDINARY_SPEEDS = (0.12, 0.25, 0.5, 0.75)
+"""Of the drive's largest, of ordinary strokes."""
+THROTTLED_SPEEDS = (60.0, 85.0, 110.0)
+"""rad/s, of the throttled strokes; the largest pressure comes with the last."""
+THROTTLED_PRESSURE = (2.1e6, 2.8e6)
+"""Pa, that largest pressure's range."""
 COUNTED = ("pump_angle", "pump_speed", "position", "command")
 """Channels of incremental encoders and set-points: their gain is exact."""
-
-GREATEST_FORCE = 0.65
-"""Of relief pressure times area: most that a drawn load asks for, so that no valve relieves for long."""
-
 LEAST_ROOM = 1.2
 """Volume of a drawn machine's chamber at mid-stroke, at least, over what half a stroke displaces."""
-
-ONE_SIDED_PRESSURE = 0.15e6
-"""Pa, mean pressure by a load from which on friction no longer brings both chambers to pressure in turn."""
 
 
 @dataclass(frozen=True)
@@ -173,147 +170,6 @@ def assign_faults(recipe: Recipe) -> list[tuple[str, ...]]:
     return assigned
 
 
-def draw_scenario(recipe: Recipe, rig: Rig, rng: Rng, faults: tuple[str, ...] = ()) -> Scenario:
-    """Draw one log's scenario: load, duty, conditions and the given faults.
-
-    The rig bounds amplitude by its stroke, speed by its drive and force by its relief valve.
-    """
-    duration = round(float(rng.uniform(*recipe.duration)), 3)
-    load_name, duty_name = chosen(rng, recipe.loads), chosen(rng, recipe.duties)
-    gain = log_uniform(rng, recipe.position_gain) * rig.scale.position_gain
-    # A throttled partner is a rig for measuring: it is mostly driven by speed.
-    share = max(recipe.speed_control_share, 0.7) if load_name == "throttle" else recipe.speed_control_share
-    cylinder = rig.unit.cylinder
-    by_speed = bool(rng.random() < share)
-    duty: Duty
-    if duty_name == "mission":
-        duty, control = drawn_mission(recipe, rig.unit, rng, duration, gain, rig.scale)
-    else:
-        # With unequal areas a speed to and fro does not come back.
-        returns = cylinder.area_2 > EQUAL * cylinder.area_1
-        ranges = recipe.ranges.get(duty_name, {})
-        duty, control = fitting_duty(
-            duty_name, rig.unit, rng, ranges, speed=by_speed and returns, gain=gain, scale=rig.scale
-        )
-    load = _load(load_name, recipe, rig, rng, duty, control, duration)
-    specs = [_fault(name, recipe, rig, duration, rng) for name in faults]
-    if recipe.stuck_valve == "loaded":
-        specs = [_on_loaded_side(spec, load, duty.offset, rig.unit) for spec in specs]
-    stated = recipe.population == "stated"
-    usually = population.central if stated else uniform
-    temperature = usually(rng, recipe.oil_temperature)
-    warming, charge = uniform(rng, recipe.warming), usually(rng, recipe.charge_factor)
-    if stated:
-        charge = population.charge_factor(rig.unit, charge * population.CHARGE.factor(rng), temperature)
-    seed = int(rng.integers(0, 2**62))
-    # Last: what is drawn above does not depend on how many scales there are.
-    scales = rig.scale.fault_scales(drawn(rng, recipe.fault_scales))
-    specs = [_by_law(spec, recipe, rng) for spec in specs]  # so that logs differ by their laws alone
-    return Scenario(
-        unit=rig.unit.name, duration=duration, duty=duty, control=control, load=load, faults=specs,
-        recording=rig.recording, details=rig.details, fault_scales=FaultScales(**scales),
-        oil_temperature=temperature, warming=warming, charge_factor=charge, seed=seed,
-    )  # fmt: skip
-
-
-def as_it_runs(
-    recipe: Recipe, rig: Rig, unit: Unit, scenario: Scenario, purpose: tuple[str, int, int]
-) -> tuple[Unit, Scenario]:
-    """Unit and scenario with what differs from run to run beside the scenario's draw, of a stated population.
-
-    `purpose` : kind of run, indices of unit and run.
-    """
-    if recipe.population == "uniform":
-        return unit, scenario
-    rng = stream(recipe, f"{purpose[0]} as it runs", *purpose[1:])
-    zeros = population.warm_zeros(unit, rig.scale.zero_errors(recipe.sensors.zero_error), rng)
-    wander = round(uniform(rng, population.WANDER), 4)
-    return zeros, scenario.model_copy(update={"friction_wander": wander})
-
-
-def _fault(name: str, recipe: Recipe, rig: Rig, duration: float, rng: Rng) -> FaultSpec:
-    entry = CATALOGUE[name]
-    variants = recipe.faults[name].variants or entry.variants
-    if not rig.recording.has("pressure_difference"):
-        # Chamber 1's transducer is struck instead, and has no current loop.
-        variants = tuple(v for v in variants if v != "broken_loop")
-    onset = uniform(rng, recipe.onset) * duration
-    if rng.random() < recipe.at_start_share:
-        onset = 0.0
-    profiles = recipe.profiles
-    if entry.in_measurement:  # a sensor knows neither load nor heat
-        profiles = {n: w for n, w in profiles.items() if n not in STATE_BORNE}
-    # A drift grows by itself: ramped or interrupted it would be another fault.
-    steps = name == "pressure_sensor_drift" or not sum(profiles.values()) > 0.0
-    profile: Any = "step" if steps else chosen(rng, profiles)
-    left = duration - onset
-    return FaultSpec(
-        fault=name,
-        severity=round(uniform(rng, recipe.faults[name].severity or recipe.severity), 3),
-        onset=round(onset, 3),
-        profile=profile,
-        ramp=round(uniform(rng, (0.15, 0.5)) * left, 3),
-        period=round(uniform(rng, (4.0, 10.0)), 3),
-        duty=round(uniform(rng, (0.4, 0.7)), 3),
-        side=int(rng.choice(entry.sides)) if entry.sides else None,
-        variant=str(rng.choice(variants)) if variants else None,
-    )
-
-
-def _by_law(spec: FaultSpec, recipe: Recipe, rng: Rng) -> FaultSpec:
-    """The fault by one of the recipe's laws, at random times of its own if it comes at random."""
-    laws, changed = recipe.laws_of(spec.fault), dict[str, Any]()
-    if laws:
-        changed["law"] = laws[0] if len(laws) == 1 else str(rng.choice(laws))
-    if spec.profile == "random":
-        changed["seed"] = int(rng.integers(0, 2**31))
-    return FaultSpec(**{**spec.model_dump(), **changed}) if changed else spec
-
-
-def _on_loaded_side(spec: FaultSpec, load: Load, offset: float, unit: Unit) -> FaultSpec:
-    """A stuck check valve moved to the chamber that the load's mean force presses on, if it does."""
-    if spec.fault != "check_valve_stuck_open":
-        return spec
-    spring = load.stiffness * (offset - load.centre)
-    level = getattr(load, "level", 0.0)
-    force = (level if isinstance(level, float) else 0.0) + (max(spring, 0.0) if load.one_sided else spring)
-    if abs(force) < ONE_SIDED_PRESSURE * unit.cylinder.area_1:
-        return spec
-    return spec.model_copy(update={"side": 1 if force > 0.0 else 2})
-
-
-def _load(
-    name: str, recipe: Recipe, rig: Rig, rng: Rng, duty: Duty, control: Control, duration: float
-) -> Load:
-    """A load of that kind which the unit can carry wherever that duty takes it."""
-    kind, unit = LOADS[name], rig.unit
-    departs = duty.amplitude if control.mode == "position" else 0.4 * unit.cylinder.stroke
-    reach = abs(duty.offset) + departs
-    ranges = {**kind.usual, **recipe.ranges.get(name, {})}
-    values = drawn(rng, rig.scale.load_ranges(name, ranges))
-    most = GREATEST_FORCE * unit.accumulator.relief_pressure * min(unit.cylinder.area_1, unit.cylinder.area_2)
-    if name == "changing":
-        return changing(values, rng, duration, duty, most)
-    if name == "throttle":
-        # Its drop goes with the square of speed: bounded where the pump turns at 200 rad/s.
-        values["pressure"] = min(values["pressure"], GREATEST_FORCE * unit.accumulator.relief_pressure)
-    elif name == "constant":
-        values["level"] = float(np.clip(values["level"], -most, most))
-    elif name in ("spring", "hinge"):
-        values["rate"] = min(values["rate"], most / (reach + abs(values["slack"])))
-    elif name == "press":
-        # Touched in the upper half of the motion at the latest, or it were no load. A commanded speed moves
-        # the rod to both sides, nobody knows how far.
-        bounded = control.mode == "position" or isinstance(duty, ConstantSpeed)
-        values["slack"] = min(values["slack"], duty.offset + (0.5 * duty.amplitude if bounded else 0.0))
-        values["rate"] = min(values["rate"], most / max(duty.offset + departs - values["slack"], 1e-3))
-    elif name == "gust":
-        values["level"] = float(np.clip(values["level"], -0.3 * most, 0.3 * most))
-        values["deviation"] = min(values["deviation"], 0.25 * (most - abs(values["level"])))
-        values["rate"] = min(values["rate"], 0.3 * most / reach)
-    return kind(**values)
-
-
 def _sensors(recipe: Recipe, unit: Unit, rng: Rng, scale: Scale) -> dict[str, Any]:
     errors, zeros = recipe.sensors, scale.zero_errors(recipe.sensors.zero_error)
     varied = {}
@@ -335,3 +191,69 @@ def _with_room(cylinder: Cylinder) -> Cylinder:
     areas = {"volume_1": cylinder.area_1, "volume_2": cylinder.area_2}
     least = {name: max(getattr(cylinder, name), half * area) for name, area in areas.items()}
     return cylinder.model_copy(update=least)
+
+
+def calibration_runs(recipe: Recipe, rig: Rig, rng: np.random.Generator) -> list[Scenario]:
+    """The runs of one calibration: free strokes, multi-sine, throttled strokes; about 75 s together.
+
+    One after the other, on the same oil, within the rig's stroke, drive and relief valve. A run keeps its
+    duty and load, hence three.
+    """
+    unit = rig.unit
+    reach = 0.65 * 0.5 * unit.cylinder.stroke
+    per_rad = unit.pump.displacement / unit.cylinder.area_1
+    speeds = tuple(min(s, 0.8 * unit.drive.max_speed) for s in SPEEDS)
+    # Two strokes each way at every speed, the slowest not more than once around.
+    turn = max(8.0, 2.2 * reach / (speeds[0] * per_rad))
+    pressure = rig.scale.pressure * float(rng.uniform(*THROTTLED_PRESSURE))
+    drop = _throttle_for(unit, min(pressure, 0.85 * unit.accumulator.relief_pressure))
+    temperature = float(rng.uniform(30.0, 42.0))
+    charge = float(rng.uniform(0.9, 1.1))
+    free = ConstantSpeed(amplitude=reach, speeds=speeds, turn=turn, dwell=0.4, lead_in=1.0)
+    low, high = MULTI_SINE_HZ
+    sines = Sines(speed=0.9 * unit.drive.max_speed, low_hz=low, high_hz=high, count=10, tilt=0.5)
+    slow = ConstantSpeed(amplitude=0.8 * reach, speeds=THROTTLED_SPEEDS, turn=10.0, dwell=0.4, lead_in=1.0)
+    plans: list[tuple[float, AnyDuty, AnyLoad]] = [
+        (3.0 * turn + 1.0, free, NoLoad()),
+        (15.0, sines, NoLoad()),
+        (31.0, slow, ThrottleLoad(pressure=drop)),
+    ]
+    runs = []
+    for duration, duty, load in plans:
+        runs.append(_run(rig, rng, duration, duty, load, temperature, 0.02, charge))
+        temperature += 0.02 * duration
+    return runs
+
+
+def ordinary_strokes(rig: Rig, rng: np.random.Generator) -> Scenario:
+    """Strokes at several speeds under no load, as anybody can make them: at most 81 s."""
+    unit = rig.unit
+    reach = 0.65 * 0.5 * unit.cylinder.stroke
+    per_rad = unit.pump.displacement / unit.cylinder.area_1
+    speeds = tuple(share * unit.drive.max_speed for share in ORDINARY_SPEEDS)
+    turn = max(float(np.clip(4.4 * reach / (s * per_rad), 6.0, 20.0)) for s in speeds)
+    duty = ConstantSpeed(amplitude=reach, speeds=speeds, turn=turn, dwell=0.4, lead_in=1.0)
+    temperature, charge = float(rng.uniform(30.0, 42.0)), float(rng.uniform(0.9, 1.1))
+    return _run(rig, rng, len(speeds) * turn + 1.0, duty, NoLoad(), temperature, 0.01, charge)
+
+
+def _run(
+    rig: Rig, rng: np.random.Generator, duration: float, duty: AnyDuty, load: AnyLoad, temperature: float,
+    warming: float, charge: float,
+) -> Scenario:  # fmt: skip
+    return Scenario(
+        unit=rig.unit.name, duration=round(duration, 3), duty=duty, control=Control(mode="speed"), load=load,
+        oil_temperature=temperature, warming=warming, charge_factor=charge, recording=rig.recording,
+        details=rig.details, seed=int(rng.integers(0, 2**62)),
+    )  # fmt: skip
+
+
+def _throttle_for(unit: Unit, pressure: float) -> float:
+    """Drop (Pa) at 100 rad/s of the throttle that loads this unit with `pressure` at the fastest strokes.
+
+    Quadratic in the flow that leakage leaves; the seal's friction is the rest of the pressure.
+    """
+    fastest = THROTTLED_SPEEDS[-1] * unit.pump.displacement
+    flow = fastest - unit.pump.total_leakage * pressure
+    friction = unit.friction.forward.coulomb / unit.cylinder.area_1
+    return float((pressure - friction) * (100.0 * unit.pump.displacement / flow) ** 2)

@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd import __version__
-from fdd.campaign import dataset, drawing
-from fdd.campaign.calibration import calibration_runs, ordinary_strokes
+from fdd.campaign import dataset, drawing, scenarios
 from fdd.campaign.card import write_card, write_sums
+from fdd.campaign.dataset import Progress
+from fdd.campaign.drawing import calibration_runs, ordinary_strokes
+from fdd.campaign.labels import EDGES, largest_rms, visibility
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.structures import Condition
-from fdd.campaign.units import Progress
-from fdd.campaign.visibility import EDGES, largest_rms, visibility
 from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
 from fdd.files import whole_file, write_text, written
@@ -58,14 +58,13 @@ Job = tuple[int, str, tuple[tuple[str, ...], ...]]
 
 
 def generate(
-    recipe: Recipe,
-    directory: str | Path,
-    *,
-    workers: int | None = 1,
-    progress: Progress | None = None,
+    recipe: Recipe, directory: str | Path, *, workers: int | None = 1, progress: Progress | None = None,
     engine: Engine = "local",
-) -> Path:
+) -> Path:  # fmt: skip
     """Simulate everything that a recipe asks for and write it as a data set.
+
+    An InputError where the folder holds something else, can't be written, or a scenario can't be simulated;
+    logs that were finished are kept.
 
     Parameters
     ----------
@@ -74,11 +73,6 @@ def generate(
     workers, engine : see `fdd.engines.map_unordered`. A script that asks for more workers than one must keep
         its call under ``if __name__ == "__main__":``, as processes are spawned.
     progress : called with (done, total) after each run, baselines included.
-
-    Raises
-    ------
-    InputError : the folder holds something else, can't be written, or a scenario can't be simulated. Logs
-        that were finished are kept.
     """
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", mend="use 1 or more")
@@ -120,11 +114,10 @@ def make_run(recipe: Recipe, directory: Path, job: Job) -> None:
     folder.mkdir(exist_ok=True)
     kind, number = name.split("_")
     log = None if kind == "baseline" else int(number)
-    condition: Condition | None = None
+    condition = None if log is None else drawing.condition_of(recipe, index, log)
     if log is None:
         run = _baseline_run(recipe, rig, index, int(number))
     else:
-        condition = drawing.condition_of(recipe, index, log)
         run = _sane_run(recipe, rig, ("log", index, log), faults[log], condition)
     if name == _names(recipe)[0]:
         rig.unit.save(folder / dataset.TRUE_UNIT)
@@ -158,7 +151,7 @@ def _baseline_run(recipe: Recipe, rig: drawing.Rig, index: int, number: int) -> 
     else:
         work = recipe.model_copy(update={"duration": ORDINARY_WORK})
         return _sane_run(work, rig, ("ordinary", index, number), ())
-    return simulate(*drawing.as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
+    return simulate(*scenarios.as_it_runs(recipe, rig, rig.unit, run, ("baseline", index, number)))
 
 
 def _sane_run(
@@ -173,9 +166,9 @@ def _sane_run(
         unit = condition.changed(unit, drawing.stream(recipe, "condition", *purpose[1:]))
     for attempt in range(MOST_DRAWS):
         rng = drawing.stream(recipe, *purpose, attempt)
-        scenario = drawing.draw_scenario(recipe, rig, rng, faults)
+        scenario = scenarios.draw_scenario(recipe, rig, rng, faults)
         try:
-            run = simulate(*drawing.as_it_runs(recipe, rig, unit, scenario, purpose))
+            run = simulate(*scenarios.as_it_runs(recipe, rig, unit, scenario, purpose))
             trouble = _trouble(run)
         except InputError as error:
             trouble = str(error)
@@ -231,11 +224,8 @@ def _label(recipe: Recipe, rig: drawing.Rig, run: Simulation, name: str, log: in
         structure = {"structure": rig.structure.name, "fault_scales": figures}
     struck = {f.fault: struck_channel(f, rig.recording) for f in scenario.faults}
     channels = {fault: {"channel": channel} for fault, channel in struck.items() if channel is not None}
-    acting = np.ones(len(run.truth), dtype=bool)
-    for severity in run.truth.severity.values():
-        acting &= severity > 0.0
-    if not acting.any():
-        acting[:] = True
+    acting = np.all([np.ones(len(run.truth)), *(s > 0.0 for s in run.truth.severity.values())], axis=0)
+    acting |= not acting.any()
     return {
         "file": f"{unit}/{name}.{recipe.format}",
         "truth": None if log is None else f"{unit}/truth_{log:03d}.parquet",

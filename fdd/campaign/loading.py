@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from fdd import __version__
-from fdd.campaign.dataset import HEALTHY, Dataset, Manifest, Split, split_of
-from fdd.campaign.train import identified_unit
-from fdd.campaign.units import How, over_units
+from fdd.campaign.dataset import Dataset, How, Split, over_units, split_of
+from fdd.campaign.labels import HEALTHY, Manifest
+from fdd.campaign.spreads import identified_unit
 from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.files import whole_file
@@ -62,17 +62,9 @@ TOLD: dict[str, tuple[str, str, str]] = {
 def feature_table(directory: str | Path, *, model: Path | None = None, **how: Unpack[How]) -> pa.Table:
     """Diagnose every log of a data set, on profiles identified from its units' own baselines.
 
-    Parameters
-    ----------
-    model : file of the learnt layer; None takes the shipped one.
-
-    Returns
-    -------
-    Columns of `TOLD`, then `FEATURES`; a row for each log, by unit and log.
-
-    Raises
-    ------
-    InputError : not a data set, without baselines, or an unusable model.
+    The table has the columns of `TOLD`, then `FEATURES`, and a row for each log, by unit and log. `model` is
+    the file of the learnt layer, None takes the shipped one. An InputError where it is no data set, one
+    without baselines, or the model is unusable.
     """
     learnt = Model.load(model)
     rows = over_units(_unit_rows, [directory], learnt, **how)
@@ -155,20 +147,12 @@ class LabelledData:
     def arrays(
         self, split: Split | None = None, target: Target = "family"
     ) -> tuple[NDArray[np.float64], Strings, Strings]:
-        """What scikit-learn takes.
-
-        Parameters
-        ----------
-        split : rows of these units; None gives all. target : what y is.
+        """What scikit-learn takes, of a `split` or of all units; an InputError where there are no features.
 
         Returns
         -------
-        X (n, k) features, SI, NaN where a log tells nothing; y (n,) true faults or families, or ``healthy``;
-        groups (n,) units.
-
-        Raises
-        ------
-        InputError : the data set has no features.
+        X (n, k) features, SI, NaN where a log tells nothing; y (n,) true faults or families as `target` says,
+        or ``healthy``; groups (n,) units.
         """
         rows = self.rows(split)
         x = rows[list(self.names)].to_numpy(dtype=np.float64)

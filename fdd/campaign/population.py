@@ -1,4 +1,5 @@
-"""How actuators of one type differ, and one actuator's runs: the distributions of ``population: stated``.
+"""How numbers are drawn: from ranges and weights of a recipe, and by the distributions of ``population:
+stated``, which say how actuators of one type differ, and one actuator's runs.
 
 Each quantity has a distribution, its width and where that comes from; what no source gives is an assumption
 with its reason. Beyond three standard deviations nothing is drawn.
@@ -15,15 +16,78 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
 
-from fdd.campaign.ranges import Range, Rng
+from fdd.errors import InputError
 from fdd.plant.oil import ATMOSPHERE, air_compliance, stiff_bulk_modulus
 from fdd.unit import Oil, Unit
 
 KELVIN = 273.15
+
+
+def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0] <= pair[1]:
+        raise InputError(f"range [{pair[0]:g}, {pair[1]:g}] runs backwards", mend="write [low, high]")
+    return pair
+
+
+def within(least: float, most: float) -> AfterValidator:
+    """Marks a range that may not leave these bounds."""
+
+    def inside(pair: tuple[float, float]) -> tuple[float, float]:
+        if pair[0] < least or pair[1] > most:
+            problem = f"[{pair[0]:g}, {pair[1]:g}] leaves {least:g} to {most:g}"
+            raise InputError(problem, mend="correct that range")
+        return pair
+
+    return AfterValidator(inside)
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Range = Annotated[tuple[Finite, Finite], AfterValidator(_ordered)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Rng = np.random.Generator
+
+
+def uniform(rng: Rng, bounds: Range) -> float:
+    """One value of a range."""
+    return float(rng.uniform(*bounds))
+
+
+def log_uniform(rng: Rng, bounds: Range) -> float:
+    """One value of a positive range, each factor as likely."""
+    return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
+
+
+def spread(rng: Rng, bounds: Range) -> float:
+    """Log-uniform where a positive range spans a factor of four or more, else uniform."""
+    return log_uniform(rng, bounds) if 0.0 < 4.0 * bounds[0] <= bounds[1] else uniform(rng, bounds)
+
+
+def drawn(rng: Rng, ranges: Mapping[str, Range]) -> dict[str, Any]:
+    """One value for each, see `spread`."""
+    return {name: spread(rng, bounds) for name, bounds in ranges.items()}
+
+
+def chosen(rng: Rng, weights: Mapping[str, float]) -> str:
+    """One of the names, by weight."""
+    names, values = list(weights), np.array(list(weights.values()))
+    return names[int(rng.choice(len(names), p=values / values.sum()))]
+
+
+def apportioned(shares: Mapping[str, float], number: int) -> NDArray[np.str_]:
+    """`number` names in their shares (sum 1): whole parts first, then the largest remainders."""
+    names, wanted = list(shares), np.array(list(shares.values())) * number
+    counts = np.floor(wanted + 1e-9).astype(int)
+    left = number - int(counts.sum())
+    for k in np.argsort(-(wanted - counts), kind="stable")[:left]:
+        counts[k] += 1
+    return np.repeat(names, counts)
 
 
 @dataclass(frozen=True)
@@ -102,9 +166,7 @@ BETWEEN_UNITS: dict[str, dict[str, Spread]] = {
 density)."""
 OIL_VOLUME = {"oil_volume": Spread("normal", 0.1, "as gas_volume")}
 """Of an accumulator whose profile states it."""
-
 AREA_RATIO = Spread("normal", 0.003, "assumption: both chambers have the bore in common, the rod is ground")
-
 _SEALS = "assumption: seals' squeeze and roughness from one cylinder to the next, 15 to 20 %"
 FRICTION_LEVEL = Spread("lognormal", 0.17, _SEALS)
 """Of Coulomb and static friction, both directions."""
@@ -116,7 +178,6 @@ FRICTION: dict[str, Spread] = {
     "viscous": Spread("normal", 0.15, "thesis Table 5.2: 109 to 138 N·s/m in three branches"),
 }
 """Of each direction by itself, beside `FRICTION_LEVEL`."""
-
 CHARGE = Spread("normal", 0.03, "assumption: a reading by gauge, and what leaked since")
 _SHIFT = "assumption: transducers typically shift by 0.2 % of their range per 10 K; bodies differ by 1.5 K"
 WARM_ZERO = Spread("normal", 0.25, _SHIFT)

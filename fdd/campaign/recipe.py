@@ -8,13 +8,14 @@ unless `Recipe.ranges` overrides them.
 from __future__ import annotations
 
 import operator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from fdd.bounds import MAX_RECIPE_BYTES
-from fdd.campaign.ranges import Range, Share, Weight, within
+from fdd.campaign.population import Range, Share, Weight, within
 from fdd.campaign.structures import Condition, Structure
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
@@ -31,14 +32,9 @@ MIN_DURATION = 3.0
 Severities = Annotated[Range, within(0.0, 1.0)]
 
 ZERO_ERROR = {
-    "position": 2e-3,
-    "pressure_difference": 8e3,
-    "pressure_1": 8e3,
-    "pressure_2": 8e3,
-    "pressure_accumulator": 8e3,
-    "motor_current": 0.02,
-    "oil_temperature": 1.0,
-}
+    "position": 2e-3, "pressure_difference": 8e3, "pressure_1": 8e3, "pressure_2": 8e3,
+    "pressure_accumulator": 8e3, "motor_current": 0.02, "oil_temperature": 1.0,
+}  # fmt: skip
 """Most that a sensor's zero is off, SI: assumptions, about 0.1 % of the transducers' range."""
 PROFILE_WEIGHTS = {"step": 0.6, "ramp": 0.25, "intermittent": 0.15}
 DUTY_WEIGHTS = {
@@ -124,9 +120,7 @@ class Recipe(Validated):
     twins : whether each faulty log is simulated again without its faults.
     licence, cite : what the data set's card says of them.
 
-    Raises
-    ------
-    InputError : names the field and what is allowed.
+    An InputError names the field that is not possible, and what is allowed.
 
     Examples
     --------
@@ -189,8 +183,8 @@ class Recipe(Validated):
             names = [each.name for each in listed]
             if len(set(names)) < len(names):
                 raise InputError("a name is there twice", where=f"recipe {kind_of}", mend="name each anew")
-            if listed and not sum(each.weight for each in listed) > 0.0:
-                raise InputError("all weights are 0", where=f"recipe {kind_of}", mend="give one a weight")
+            if listed:
+                _weighted(kind_of, [each.weight for each in listed])
             for each in listed:
                 _known(f"{kind_of} {each.name} duties", each.duties or {}, DRAWN_DUTIES)
                 _known(f"{kind_of} {each.name} loads", each.loads or {}, tuple(LOADS))
@@ -204,8 +198,7 @@ class Recipe(Validated):
             for end in ends:
                 FaultScales(**{name: end})
         for field, weights in (("profiles", self.profiles), ("duties", self.duties), ("loads", self.loads)):
-            if not sum(weights.values()) > 0.0:
-                raise InputError("all weights are 0", where=f"recipe {field}", mend="give one a weight")
+            _weighted(field, weights.values())
         weighted = sum(f.weight > 0.0 for f in self.faults.values())
         if self.healthy_share < 1.0 and not weighted:
             faulty = 1.0 - self.healthy_share
@@ -243,12 +236,7 @@ class Recipe(Validated):
 
     @classmethod
     def load(cls, path: str | Path) -> Recipe:
-        """Read a recipe.
-
-        Raises
-        ------
-        InputError : no such file, not a recipe, or a field that is not possible.
-        """
+        """Read a recipe; an InputError where there is no file, it is none, or a field is not possible."""
         path = Path(path)
         mend = "give a YAML file, see datasets/README.md"
         return cls.from_yaml(yaml_text(path, "recipe", MAX_RECIPE_BYTES, mend), where=path)
@@ -265,6 +253,11 @@ class Recipe(Validated):
     def to_yaml(self) -> str:
         """The whole recipe, defaults filled in; `from_yaml` gives the same recipe back."""
         return yaml_of(self.model_dump(mode="json", by_alias=True))
+
+
+def _weighted(field: str, weights: Iterable[float]) -> None:
+    if not sum(weights) > 0.0:
+        raise InputError("all weights are 0", where=f"recipe {field}", mend="give one a weight")
 
 
 def _known(field: str, given: dict[str, Any], known: tuple[str, ...]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import binomtest, chi2
 from sklearn.linear_model import LogisticRegression
 
-from fdd.campaign.dataset import Entry
+from fdd.campaign.labels import Entry
 from fdd.diagnosis.findings import Diagnosis, FaultFinding
 from fdd.diagnosis.model import HELD_IN_DOUBT
 from fdd.faults import fault

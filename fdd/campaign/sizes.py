@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fdd.campaign.ranges import Range, Rng, log_uniform, uniform
+from fdd.campaign.population import Range, Rng, log_uniform, uniform
 from fdd.data_sheet.accumulator import accumulator_volumes
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
@@ -183,17 +183,16 @@ class Scale:
     def load_ranges(self, name: str, ranges: Mapping[str, Range]) -> dict[str, Range]:
         """Ranges of a load's parameters for this machine."""
         per_stroke = self.force / self.stroke
+        spring = {"rate": per_stroke, "slack": self.stroke}
         factors = {
-            "constant": {"level": self.force},
-            "spring": {"rate": per_stroke, "slack": self.stroke},
-            "press": {"rate": per_stroke, "slack": self.stroke},
-            "hinge": {"rate": per_stroke, "slack": self.stroke, "gap": self.stroke},
+            "constant": {"level": self.force}, "spring": spring, "press": spring,
+            "hinge": {**spring, "gap": self.stroke},
             # As slow on the oil's spring, and not more than the pump's pressure can brake.
             "inertia": {"added": min(self.stiffness, self.force / self.velocity)},
             "gust": {"deviation": self.force, "level": self.force, "rate": per_stroke},
             "changing": {"deviation": self.force, "level": self.force},
             "throttle": {"pressure": self.pressure},
-        }
+        }  # fmt: skip
         return _scaled_by(ranges, factors.get(name, {}))
 
     def duty_ranges(self, ranges: Mapping[str, Range]) -> dict[str, Range]:
@@ -241,14 +240,10 @@ class Scale:
         stuck = STUCK_FLOW * flow * math.sqrt(_MEGAPASCAL / half)
         soft = float(air_compliance(unit.oil.reference_pressure, unit.oil.polytropic_index))
         factors = {
-            "leakage": times,
-            "speed_leakage": times / self.turning,
-            "orifice": stuck / axis["check_valve_flow"],
-            "flow": self.flow,
-            "pressure": self.pressure,
-            "charge": self.charge,
-            "torque": self.torque / self.turning,  # a brake's, over speed
-        }
+            "leakage": times, "speed_leakage": times / self.turning,
+            "orifice": stuck / axis["check_valve_flow"], "flow": self.flow, "pressure": self.pressure,
+            "charge": self.charge, "torque": self.torque / self.turning,  # a brake's, over speed
+        }  # fmt: skip
         figures = [figure for entry in CATALOGUE.values() for figure in entry.figures if figure.grows]
         return {
             **drawn,

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import digamma
 
-from fdd.campaign.dataset import Dataset
-from fdd.campaign.units import How, over_units
+from fdd.campaign.dataset import Dataset, How, over_units
 from fdd.diagnosis.baseline import (
+    add_baseline,
     baseline_of,
     effects_of,
     histories_of,
@@ -146,12 +146,8 @@ def _freedom(weights: Array, told: Array, freedom: float) -> float:
 
 
 def learn_spreads(directories: Sequence[str | Path], **how: Unpack[How]) -> Spreads:
-    """Learn from healthy logs and healthy twins of data sets with baselines.
-
-    Raises
-    ------
-    InputError : not a data set, or too few units.
-    """
+    """Learn from healthy logs and healthy twins of data sets with baselines; an InputError where one is no
+    data set, or units are too few."""
     sets = [Dataset.load(d) for d in directories]
     if (number := sum(len(data.units) for data in sets)) < LEAST_UNITS:
         problem = f"{number} units: at least {LEAST_UNITS} are needed to learn what units differ by"
@@ -183,6 +179,15 @@ def _balance(name: str, spread: Spread, old: BalanceSpread) -> BalanceSpread:
             within=old.coefficients[c].within, wander=old.coefficients[c].wander,
         )  # fmt: skip
     return BalanceSpread(noise=rounded(spread.noise), coefficients=coefficients)
+
+
+def identified_unit(data: Dataset, unit: str, spreads: Spreads | None = None) -> Unit:
+    """The unit's profile from its baseline runs and the profile that it was varied from."""
+    runs = data.baseline(unit)
+    if not runs:
+        mend = "set baseline: true in the recipe"
+        raise InputError("data set without baseline runs", where=data.directory, mend=mend)
+    return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs, spreads)
 
 
 @dataclass(frozen=True)

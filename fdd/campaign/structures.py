@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from fdd.campaign.ranges import Range, Rng, Share, Weight, drawn, spread
+from fdd.campaign.population import Range, Rng, Share, Weight, drawn, spread
 from fdd.campaign.sizes import OIL_TEMPERATURES, Size, sized_unit, with_accumulator
 from fdd.errors import InputError, input_error
 from fdd.plant.details import Details
@@ -28,11 +28,8 @@ EQUAL = 0.97
 class Departure(Validated):
     """What differs from the recipe; None leaves it as it is there.
 
-    Attributes
-    ----------
-    weight : share among its likes.
-    loop : factor on the poles and the zero of the drive's velocity loop: a loop tuned anew.
-    noise : factor on the noise of all sensors.
+    `weight` is its share among its likes, `loop` a factor on the poles and the zero of the drive's velocity
+    loop, as one tuned anew has them, and `noise` one on the noise of all sensors.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.\-]{1,40}$")]
@@ -122,14 +119,10 @@ class Structure(Departure):
         return Recording(**{**recording.model_dump(), **own})
 
     def data_sheet(self, base: str, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES) -> Unit:
-        """The profile that a unit is varied from: the base's or a drawn machine's, and what is on top.
-
-        A drawn machine's accumulator outlasts `oil_temperatures` (°C).
-        """
-        if self.size is None:
-            unit = Unit.load(self.base or base)
-        else:
-            unit = sized_unit(self.size, rng, oil_temperatures)
+        """The profile that a unit is varied from: the base's or a drawn machine's, whose accumulator outlasts
+        `oil_temperatures` (°C), and what is on top."""
+        sized = None if self.size is None else sized_unit(self.size, rng, oil_temperatures)
+        unit = sized or Unit.load(self.base or base)
         parts = {
             name: getattr(unit, name).model_copy(update={**drawn(rng, ranges), "provenance": {}})
             for name, ranges in self.profile.items()

@@ -1,32 +1,41 @@
-"""From a generated data set to a model: what healthy logs' scores reach, and what a score is worth."""
+"""From generated data sets to a model: what healthy logs' scores reach, and what a score is worth; or to a
+classifier of scikit-learn's kind, judged on units that it has not seen."""
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import expit, logit
 
-from fdd.campaign.dataset import HEALTHY, Dataset, Entry
-from fdd.campaign.units import How, over_units
+from fdd import __version__
+from fdd.campaign.dataset import SPLITS, Dataset, How, over_units
+from fdd.campaign.labels import HEALTHY, Entry
+from fdd.campaign.spreads import identified_unit
 from fdd.diagnosis.answering import Z80, hidden_share
-from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.model import AlarmTail, Calibration, Model, root
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
-from fdd.identification.identify import identify_unit
+from fdd.packages import CLASSIFIERS, additions
 from fdd.residuals.effects import Spreads
 from fdd.samples import Samples
 from fdd.unit import Unit
 
+if TYPE_CHECKING:
+    from fdd.campaign.loading import LabelledData, Target
+    from fdd.learning.stored import StoredClassifier
+
 Array = NDArray[np.float64]
+Figures = dict[str, float]
 
 TAIL_FROM = 0.7
 """Quantile of healthy logs' peaks from which on they are their tail."""
@@ -67,15 +76,9 @@ class ScoredLog:
 
 
 def train(directories: Sequence[str | Path], *, spreads: Spreads | None = None, **how: Unpack[How]) -> Model:
-    """Learn a model from data sets.
+    """Learn a model from data sets; an InputError where one is none, has no baselines, or they are too small.
 
-    Parameters
-    ----------
-    spreads : what healthy units and logs differ by, of `learn_spreads`; None takes the shipped ones.
-
-    Raises
-    ------
-    InputError : not a data set, without baselines, or too small.
+    `spreads` are what healthy units and logs differ by, of `learn_spreads`; None takes the shipped ones.
     """
     logs = over_units(_scored, directories, spreads, **how)
     model = learnt(logs, ", ".join(Dataset.load(d).described for d in directories))
@@ -163,15 +166,6 @@ def pareto(excess: Array) -> tuple[float, float]:
     return mean * (1.0 - shape), shape
 
 
-def identified_unit(data: Dataset, unit: str, spreads: Spreads | None = None) -> Unit:
-    """The unit's profile from its baseline runs and the profile that it was varied from."""
-    runs = data.baseline(unit)
-    if not runs:
-        mend = "set baseline: true in the recipe"
-        raise InputError("data set without baseline runs", where=data.directory, mend=mend)
-    return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs, spreads)
-
-
 def _scored(data: Dataset, unit: str, spreads: Spreads | None) -> list[ScoredLog]:
     profile = identified_unit(data, unit, spreads)
     model = Model.load().model_copy(update={"spreads": spreads})
@@ -213,3 +207,92 @@ def _doubt(entry: Entry, found: list[FaultFinding], known: float) -> float:
     own = (np.log(interval[1] / size) / Z80) ** 2 - known**2
     missing = (np.log(size / entry.faults[0].severity) / Z80) ** 2 - max(own, 0.0)
     return float(np.sqrt(max(missing, 0.0)))
+
+
+def made(name: str) -> Any:
+    """A new classifier, by the name of an entry point of the group ``fdd.classifiers`` or as
+    ``module:function``, where the module may lie in the working folder; an InputError where there is none, it
+    does not load, or what it makes is no classifier."""
+    known = {a.name: a for a in additions(CLASSIFIERS)}
+    module, colon, function = name.partition(":")
+    if not colon and name not in known:
+        mend = f"give {', '.join(sorted(known)) or 'none is installed'}, or MODULE:FUNCTION"
+        raise InputError("no classifier of that name", where=name, mend=mend)
+    try:
+        if colon and str(Path.cwd()) not in sys.path:
+            sys.path.append(str(Path.cwd()))
+        make = getattr(import_module(module), function) if colon else known[name].load()
+        estimator = make()
+    except InputError:
+        raise
+    except Exception as error:
+        problem = f"makes no classifier ({type(error).__name__}: {error})"
+        mend = "give a function without arguments that returns one"
+        raise InputError(problem, where=name, mend=mend) from None
+    if not all(hasattr(estimator, method) for method in ("fit", "predict_proba", "get_params")):
+        problem = "makes no classifier of scikit-learn's kind with probabilities"
+        mend = "return one with predict_proba, e.g. in CalibratedClassifierCV"
+        raise InputError(problem, where=name, mend=mend)
+    return estimator
+
+
+def train_classifier(
+    name: str, sets: Sequence[LabelledData], target: Target = "family"
+) -> tuple[StoredClassifier, Figures]:
+    """Train a classifier `made` by name on the units of train and validation, judge it on those of test.
+
+    It comes with its figures: accuracy, macro_f1, brier, and how many rows and units of test they rest on;
+    beside it accuracy and macro_f1 of fdd's own answers on the same rows. An InputError where features
+    differ, there is too little to learn or to judge by, or the classifier refuses the data.
+    """
+    import pandas as pd
+    from sklearn.utils.validation import has_fit_parameter
+
+    from fdd.learning.stored import StoredClassifier
+
+    estimator = made(name)
+    names = sets[0].names
+    for each in sets[1:]:
+        if each.names != names:
+            problem = f"features unlike those of {sets[0].data.directory}"
+            raise InputError(problem, where=each.data.directory, mend="make them all with one version")
+    splits = [(k, one.rows(split)) for k, one in enumerate(sets) for split in SPLITS]
+    rows = pd.concat([part.assign(unit=f"{k}/" + part["unit"]) for k, part in splits])
+    x, test = rows[list(names)].to_numpy(dtype=np.float64), (rows["split"] == "test").to_numpy()
+    y, groups, own = (rows[c].to_numpy(dtype=np.str_) for c in (target, "unit", f"answer_{target}"))
+    judges = np.unique(groups[test]).size
+    if not judges or np.unique(y[~test]).size < 2:
+        problem = f"{judges} units to judge by, {np.unique(y[~test]).size} classes to learn"
+        raise InputError(problem, where=sets[0].data.directory, mend="generate more units and logs")
+    more = {"groups": groups[~test]} if has_fit_parameter(estimator, "groups") else {}
+    try:
+        estimator.fit(x[~test], y[~test], **more)
+        probabilities = np.asarray(estimator.predict_proba(x[test]), dtype=np.float64)
+        classes = [str(c) for c in estimator.classes_]
+    except Exception as error:
+        raise InputError(f"refuses the data ({type(error).__name__}: {error})", where=name) from None
+    figures = {
+        **judged(y[test], np.array(classes)[probabilities.argmax(axis=1)]),
+        "brier": brier(y[test], probabilities, classes), "rows": int(test.sum()), "units": judges,
+    }  # fmt: skip
+    data = {s.data.manifest.name: s.data.manifest.sha256 for s in sets}
+    stored = StoredClassifier(estimator, list(names), target, None, name, __version__, data, figures)
+    return stored, judged(y[test], own[test])
+
+
+def judged(true: Any, said: Any) -> Figures:
+    """Shares of answers (n,) against the truth (n,)."""
+    from sklearn.metrics import accuracy_score, f1_score
+
+    macro = f1_score(true, said, average="macro", zero_division=0.0)
+    return {"accuracy": float(accuracy_score(true, said)), "macro_f1": float(macro)}
+
+
+def brier(true: Any, probabilities: Any, classes: Sequence[str]) -> float:
+    """Mean over rows of the squared errors of all classes' probabilities, 0 to 2.
+
+    Not scikit-learn's: a class that was not learnt has probability 0.
+    """
+    true = np.asarray(true, dtype=np.str_)
+    hit = true[:, None] == np.asarray(classes, dtype=np.str_)
+    return float(np.mean(np.sum(np.square(probabilities - hit), axis=1) + ~hit.any(axis=1)))

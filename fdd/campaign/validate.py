@@ -10,11 +10,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fdd.campaign.dataset import Dataset
+from fdd.campaign.dataset import Dataset, How, over_units
+from fdd.campaign.labels import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.campaign.scores import Outcome, figures, wilson
-from fdd.campaign.train import identified_unit
-from fdd.campaign.units import How, over_units
-from fdd.campaign.visibility import CLASSES, ROWS_LOST, SEVERAL, visibility_class
+from fdd.campaign.spreads import identified_unit
 from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
@@ -30,12 +29,8 @@ SETTLED_S = 5.0
 
 
 def validate(directory: str | Path, model: Model | None = None, **how: Unpack[How]) -> list[Outcome]:
-    """Diagnose every log of a data set on profiles identified from its units' own baselines.
-
-    Raises
-    ------
-    InputError : not a data set, or without baselines.
-    """
+    """Diagnose every log of a data set on profiles identified from its units' own baselines; an InputError
+    where it is no data set, or one without baselines."""
     return over_units(_unit_outcomes, [directory], model or Model.load(), **how)
 
 

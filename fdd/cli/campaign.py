@@ -150,8 +150,8 @@ def _train_classifier(
 ) -> None:
     require_packages("research", "skops")
 
-    from fdd.campaign.classifiers import made, train_classifier
     from fdd.campaign.loading import with_features
+    from fdd.campaign.train import made, train_classifier
     from fdd.cli.console import counted, remark
     from fdd.learning.stored import load_classifier, save_classifier
 

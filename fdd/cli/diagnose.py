@@ -22,7 +22,7 @@ from fdd.files import require_writable
 if TYPE_CHECKING:
     from fdd.cli.batch import AnswersFolder
     from fdd.diagnosis.findings import Diagnosis
-    from fdd.offline.diagnoser import Diagnoser, Job
+    from fdd.offline import Diagnoser, Job
     from fdd.unit import Unit
 
 FAULT_STATUS, INCONCLUSIVE_STATUS = 1, 3
@@ -77,14 +77,18 @@ def diagnose(
     ] = False,
 ) -> None:  # fmt: skip
     """Diagnose logs: is there a fault, since when, which one, and how severe."""
-    from fdd.cli.batch import AnswersFolder, worked
-    from fdd.cli.which_logs import find_logs
-    from fdd.offline.diagnoser import Diagnoser, Settings
+    from fdd.cli.batch import AnswersFolder, file_names, find_logs, names_of, worked
+    from fdd.offline import Diagnoser, Job, Settings
 
     if resume and output_ is None:
         raise InputError("--resume needs --output", mend="name the folder of the earlier run")
     folder = None if output_ is None else AnswersFolder(output_)
-    jobs = _jobs(find_logs(logs, leave_out=output_), report, mcap, folder)
+    paths = find_logs(logs, leave_out=output_)
+    reports = output_paths(report, paths, ".html", "--report")
+    mcaps = output_paths(mcap, paths, ".mcap", "--mcap")
+    names = names_of(paths)
+    pages = [folder.page(name) if folder else None for name in file_names(names)]
+    jobs = [Job(*each) for each in zip(paths, names, reports, pages, mcaps, strict=True)]
     written = [p for job in jobs for p in (job.report, job.mcap)]
     require_outputs(json_, *written, inputs=(job.path for job in jobs))
     trackers = tuple(dict.fromkeys(tracker or ()))
@@ -141,19 +145,6 @@ def status_of(answers: Sequence[Diagnosis]) -> int:
     return INCONCLUSIVE_STATUS if any(a.verdict == "inconclusive" for a in answers) else 0
 
 
-def _jobs(
-    logs: Sequence[Path], report: str | None, mcap: str | None, folder: AnswersFolder | None
-) -> list[Job]:
-    from fdd.cli.which_logs import file_names, names_of
-    from fdd.offline.diagnoser import Job
-
-    reports = output_paths(report, logs, ".html", "--report")
-    mcaps = output_paths(mcap, logs, ".mcap", "--mcap")
-    names = names_of(logs)
-    pages = [folder.page(name) if folder else None for name in file_names(names)]
-    return [Job(*each) for each in zip(logs, names, reports, pages, mcaps, strict=True)]
-
-
 def _alone(job: Job, diagnoser: Diagnoser, folder: AnswersFolder | None) -> tuple[Diagnosis, Unit]:
     """The answer of the only log, and its profile; nothing is written where it cannot be read."""
     from fdd.cli.console import progress
@@ -173,8 +164,7 @@ def _tell(
     quiet: bool,
 ) -> None:  # fmt: skip
     """Answers for people, in the order of the logs; what could not be read goes to standard error."""
-    from fdd.cli.console import output
-    from fdd.cli.tables import diagnosis_view
+    from fdd.cli.console import diagnosis_view, output
     from fdd.report import headline
 
     console = output()
@@ -201,9 +191,8 @@ def demo(
 
     from importlib import resources
 
-    from fdd.cli.console import output
-    from fdd.cli.tables import diagnosis_view
-    from fdd.offline.diagnoser import Diagnoser, Job, Settings
+    from fdd.cli.console import diagnosis_view, output
+    from fdd.offline import Diagnoser, Job, Settings
 
     with resources.as_file(resources.files("fdd") / "demo") as folder:
         job = Job(folder / DEMO_LOG, DEMO_LOG, report=out)

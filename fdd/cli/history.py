@@ -18,7 +18,7 @@ from fdd.files import require_writable, write_text, written
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
     from fdd.history.trend import Each
-    from fdd.offline.diagnoser import Settings
+    from fdd.offline import Settings
     from fdd.unit import Unit
 
 ANSWERS_SUFFIX = ".jsonl"
@@ -37,24 +37,22 @@ def compare(
     report: options.ReportOption = None,
 ) -> None:
     """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
-    from fdd.cli.console import progress
-    from fdd.cli.tables import tell_sheet
-    from fdd.cli.which_logs import names_of
+    from fdd.cli.batch import names_of
+    from fdd.cli.console import progress, tell_sheet
     from fdd.history.compare import Side
     from fdd.history.compare import compare as compared
     from fdd.history.view import compare_sheet
-    from fdd.offline.diagnoser import Diagnoser, Job, Settings, unit_of
+    from fdd.offline import Diagnoser, Job, Settings, unit_of
 
     require_outputs(json_, report)
     diagnoser = Diagnoser(Settings(unit, map_, None, axis))
     jobs = [Job(path, name) for path, name in zip((a, b), names_of([a, b]), strict=True)]
     logs = [diagnoser.read(job) for job in jobs]
-    notes = []
+    note = None
     if diagnoser.unit is None:  # the profile in log A, or the default, is for both
         diagnoser.unit, note = unit_of(logs[0], None)
-        notes = [note] if note else []
         if note is None and len({log.metadata.get("unit", {}).get("yaml") for log in logs}) > 1:
-            notes = ["the logs carry different profiles: both are diagnosed on that in A"]
+            note = "the logs carry different profiles: both are diagnosed on that in A"
     sides = []
     with progress("diagnosing 2 logs", 2) as advance:
         for job, log in zip(jobs, logs, strict=True):
@@ -62,7 +60,7 @@ def compare(
             sides.append(Side(found.diagnosis, found.trajectories, log.samples))
             advance(float(len(sides)))
     answer, spectra = compared(sides[0], sides[1], diagnoser.unit)
-    answer.notes += notes
+    answer.notes += [note] if note else []
     told = answer.model_dump_json(by_alias=True, indent=2)
     tell_sheet(told, compare_sheet(answer, spectra), json_, report)
 
@@ -90,12 +88,11 @@ def trend(
     workers: options.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
-    from fdd.cli.tables import tell_sheet
+    from fdd.cli.console import tell_sheet
     from fdd.history.trend import given_limits, severity_one, trend_of
     from fdd.history.view import trend_csv, trend_sheet
-    from fdd.offline.diagnoser import Settings
-    from fdd.report.page import render_sheet
-    from fdd.report.plotly import write_bundle
+    from fdd.offline import Settings
+    from fdd.report.page import render_sheet, write_bundle
 
     chosen = given_limits(limit or [])
     require_outputs(json_, report)
@@ -167,9 +164,8 @@ def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered
 
 
 def _of_logs(logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None) -> Answered:
-    from fdd.cli.batch import worked
-    from fdd.cli.which_logs import find_logs, names_of
-    from fdd.offline.diagnoser import Diagnoser, Job, unit_of
+    from fdd.cli.batch import find_logs, names_of, worked
+    from fdd.offline import Diagnoser, Job, unit_of
 
     paths = find_logs(logs, leave_out)
     jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]

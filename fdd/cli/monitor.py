@@ -50,14 +50,13 @@ def monitor(
 
     from rich.live import Live
 
-    from fdd.cli.console import output, progress, remark
-    from fdd.cli.tables import diagnosis_view
+    from fdd.cli.console import diagnosis_view, output, progress, remark
     from fdd.diagnosis.model import Model
     from fdd.diagnosis.pipeline import Pipeline
     from fdd.identification.log_scales import StreamScales
     from fdd.logs import ChannelMap, read_log
     from fdd.monitor import JsonLines, LineParser, Noted, Replay, Status, WallClock, watch
-    from fdd.offline.diagnoser import quality_of, unit_of
+    from fdd.offline import quality_of, unit_of
 
     classifier = Model.load(model)
     channel_map = None if map_ is None else ChannelMap.load(map_)
@@ -162,7 +161,7 @@ def status_line(status: Status) -> Text:
     """Time, the likeliest families and the estimates that the data pin down, in one line."""
     from rich.text import Text
 
-    from fdd.cli.tables import COLOURS
+    from fdd.cli.console import COLOURS
     from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
     from fdd.report.tables import with_std
     from fdd.report.words import family_title, percent

@@ -16,8 +16,7 @@ from fdd.history import Comparison, EstimateChange, Life
 from fdd.history.compare import NO_CHANGE, Spectrum
 from fdd.history.trend import Course
 from fdd.report import traces as tr
-from fdd.report.overview import cell
-from fdd.report.page import Sheet, Table
+from fdd.report.page import Sheet, Table, cell
 from fdd.report.plots import TO_RPM, Figure, Section
 from fdd.report.tables import NOTHING, number, with_std
 from fdd.report.words import candidates, fault_title, percent, seconds, span

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fdd.report.page import render_report, write_report
+from fdd.report.page import render_report
 from fdd.report.words import headline
 
-__all__ = ["headline", "render_report", "write_report"]
+__all__ = ["headline", "render_report"]

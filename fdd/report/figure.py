@@ -8,20 +8,16 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Trajectories
 from fdd.errors import InputError
-from fdd.report.decimate import break_at_gaps, decimate, envelope, intervals
+from fdd.report import traces as tr
 from fdd.report.plots import ESTIMATOR_TITLES, MEASURED, y_range
-from fdd.report.traces import BLUE, GREEN, GREY, LINE_COLOURS, ORANGE, SKY, VERMILLION
 from fdd.report.words import fault_title, headline
 from fdd.samples import Samples
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Column = NDArray[np.float64]
 
 WIDTH_INCHES, PANEL_INCHES, MARGIN_INCHES = 7.2, 1.3, 1.1
 """Two columns of a journal are 180 mm wide."""
@@ -51,11 +47,7 @@ def draw_diagnosis(diagnosis: Diagnosis, trajectories: Trajectories, samples: Sa
     """Draw signals, estimates with their 95 % bands and the test statistic over one time axis.
 
     Onsets (with their 80 % interval) and alarms of what was found go through all panels. Stretches in which
-    a quantity could not be known are shaded.
-
-    Raises
-    ------
-    InputError : matplotlib is missing.
+    a quantity could not be known are shaded. An InputError where matplotlib is missing.
     """
     require_matplotlib()
     import matplotlib
@@ -88,8 +80,8 @@ def draw_diagnosis(diagnosis: Diagnosis, trajectories: Trajectories, samples: Sa
     return figure
 
 
-def _line(axes: Any, time: Column, values: Column, **style: Any) -> None:
-    axes.plot(*decimate(*break_at_gaps(time, values), BUCKETS), **{"linewidth": 1.0, **style})
+def _line(axes: Any, time: tr.Column, values: tr.Column, **style: Any) -> None:
+    axes.plot(*tr.decimate(*tr.break_at_gaps(time, values), BUCKETS), **{"linewidth": 1.0, **style})
 
 
 def _signals(axes: Any, wanted: str, samples: Samples) -> None:
@@ -97,7 +89,7 @@ def _signals(axes: Any, wanted: str, samples: Samples) -> None:
     shown = [(channel, name) for channel, name in channels if channel in samples]
     for number, (channel, name) in enumerate(shown):
         style = ":" if channel == "position_setpoint" else "-"
-        _line(axes, samples.time, factor * samples[channel], label=name, color=LINE_COLOURS[number],
+        _line(axes, samples.time, factor * samples[channel], label=name, color=tr.LINE_COLOURS[number],
               linestyle=style, linewidth=0.8)  # fmt: skip
     axes.set_ylabel(f"{title.lower()}\n({unit})")
     if shown:  # above the panel, where no signal is
@@ -111,10 +103,10 @@ def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajecto
     for number, (key, values) in enumerate(trajectories.estimates.items()):
         if name not in values:  # not every installed tracker has all of them
             continue
-        colour, called = LINE_COLOURS[number], ESTIMATOR_TITLES.get(key, key.upper())
+        colour, called = tr.LINE_COLOURS[number], ESTIMATOR_TITLES.get(key, key.upper())
         shown = np.where(seen, scale * values[name], np.nan)
         half = 2.0 * scale * trajectories.stds[key][name]
-        band = envelope(time, shown - half, shown + half, BUCKETS)
+        band = tr.envelope(time, shown - half, shown + half, BUCKETS)
         axes.fill_between(*band, color=colour, alpha=0.2, linewidth=0.0, label=f"{called}, 95 %")
         # The filters are often one on the other: the first is solid.
         _line(axes, time, shown, color=colour, linestyle=(0, (3, 3)) if number else "-", label=called)
@@ -123,8 +115,8 @@ def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajecto
     found = diagnosis.estimates.get(name)
     baseline = None if found is None or found.baseline is None else scale * found.baseline
     if baseline is not None:
-        axes.axhline(baseline, color=GREEN, linestyle="--", linewidth=1.0, label="healthy")
-    for start, stop in intervals(time, ~seen):
+        axes.axhline(baseline, color=tr.GREEN, linestyle="--", linewidth=1.0, label="healthy")
+    for start, stop in tr.intervals(time, ~seen):
         axes.axvspan(start, stop, color="0.93", linewidth=0.0, zorder=0, label="not observable")
     span = y_range(lines, bands, baseline)
     if span is not None:
@@ -136,10 +128,10 @@ def _estimate(axes: Any, name: str, diagnosis: Diagnosis, trajectories: Trajecto
 
 def _statistic(axes: Any, trajectories: Trajectories) -> None:
     time, statistic, threshold = trajectories.window_time, trajectories.statistic, trajectories.threshold
-    axes.plot(time, statistic, color=BLUE, linewidth=1.0, drawstyle="steps-post")
-    axes.axhline(threshold, color=GREY, linestyle="-.", linewidth=1.0, label="threshold of an alarm")
+    axes.plot(time, statistic, color=tr.BLUE, linewidth=1.0, drawstyle="steps-post")
+    axes.axhline(threshold, color=tr.GREY, linestyle="-.", linewidth=1.0, label="threshold of an alarm")
     if np.isfinite(trajectories.even):
-        axes.axhline(trajectories.even, color=GREY, linestyle=":", linewidth=1.0, label="this log, faulty")
+        axes.axhline(trajectories.even, color=tr.GREY, linestyle=":", linewidth=1.0, label="this log, faulty")
     if statistic.size and threshold > 0.0 and np.nanmax(statistic) > SEVERAL * threshold:
         axes.set_yscale("log")
         axes.set_ylim(bottom=threshold / SEVERAL)
@@ -147,7 +139,9 @@ def _statistic(axes: Any, trajectories: Trajectories) -> None:
 
 
 def _mark_faults(axes: Any, diagnosis: Diagnosis) -> None:
-    for fault, colour in zip(diagnosis.faults, cycle(("black", VERMILLION, SKY, ORANGE)), strict=False):
+    for fault, colour in zip(
+        diagnosis.faults, cycle(("black", tr.VERMILLION, tr.SKY, tr.ORANGE)), strict=False
+    ):
         title = fault_title(fault.fault)
         if fault.onset_interval is not None:
             axes.axvspan(*fault.onset_interval, color="black", alpha=0.12, linewidth=0.0, label="onset, 80 %")

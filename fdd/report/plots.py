@@ -6,16 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, FaultFinding, Trajectories
 from fdd.report import traces as tr
-from fdd.report.decimate import BUCKETS, bucket_means, intervals
 from fdd.report.words import family_title
 from fdd.residuals.balances import BALANCES
 from fdd.samples import Samples
-
-Column = NDArray[np.float64]
 
 ESTIMATOR_TITLES = {"ekf": "EKF", "svsf": "SVSF"}
 FAMILY_COLOURS = {
@@ -135,8 +131,8 @@ def _probabilities(trajectories: Trajectories) -> list[Figure]:
     if not names or not trajectories.window_time.size:
         return []
     table = np.column_stack([np.nan_to_num(trajectories.probabilities[n]) for n in names])
-    time = bucket_means(trajectories.window_time)
-    shares = 100.0 * bucket_means(table)
+    time = tr.bucket_means(trajectories.window_time)
+    shares = 100.0 * tr.bucket_means(table)
     data = [
         tr.scatter(
             tr.packed(time), tr.packed(share), family_title(name), hovertemplate="%{y:.0f} %",
@@ -218,12 +214,12 @@ def _estimate(name: str, diagnosis: Diagnosis, trajectories: Trajectories) -> li
     span = y_range(lines, bands, baseline)
     if span is not None:
         layout["yaxis"]["range"] = span
-    layout["shapes"] = [tr.shade(a, b) for a, b in intervals(time, ~seen)]
+    layout["shapes"] = [tr.shade(a, b) for a, b in tr.intervals(time, ~seen)]
     note = "" if seen.any() else "Not observable anywhere in this log."
     return [Figure(f"estimate-{name}", title, data, layout, unit, note)]
 
 
-def y_range(lines: list[Column], bands: list[Column], baseline: float | None) -> list[float] | None:
+def y_range(lines: list[tr.Column], bands: list[tr.Column], baseline: float | None) -> list[float] | None:
     """A y range that a filter's wide first seconds do not spoil and that holds a fault which has just begun,
     of estimates (`lines`) and the edges of their `bands`, (n,) each. Zooming out shows the rest."""
     everything = np.concatenate([x[np.isfinite(x)] for x in [*lines, *bands]] or [np.empty(0)])
@@ -250,7 +246,7 @@ def _features(trajectories: Trajectories) -> list[Figure]:
     shown = np.argsort(-np.percentile(magnitude, 90.0, axis=0), kind="stable")[: len(tr.LINE_COLOURS)]
     titles = [BALANCES[n].title if n in BALANCES else n.replace("_", " ") for n in names]
     lines = [
-        tr.line(time, features[:, i], titles[i], tr.LINE_COLOURS[rank], buckets=BUCKETS // 2)
+        tr.line(time, features[:, i], titles[i], tr.LINE_COLOURS[rank], buckets=tr.BUCKETS // 2)
         for rank, i in enumerate(shown)
     ]
     limit = [tr.level(time, 1.0, "healthy", colour=tr.GREY, dash="dot")]

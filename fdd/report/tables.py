@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import math
-import platform
-from functools import cache
-from importlib import metadata
 
-import fdd
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED, Diagnosis, Estimate
-from fdd.report import plotly
 from fdd.report.words import family_title, fault_title, likely, percent, place, seconds, span
 from fdd.unit import Unit
 
@@ -144,11 +139,3 @@ def unit_rows(unit: Unit) -> list[tuple[str, str]]:
     known = unit.baseline
     told = "none in the profile" if known is None else f"from {span(known.seconds)} of healthy logs"
     return [*rows, ("Healthy baseline", told)]
-
-
-@cache  # a batch's pages all tell the same, and a package's version is looked up in its files
-def version_rows() -> list[tuple[str, str]]:
-    """Versions of what computed the diagnosis."""
-    libraries = [(name, metadata.version(name)) for name in ("numpy", "scipy", "numba", "scikit-learn")]
-    own = [("fdd", fdd.__version__), ("Python", platform.python_version())]
-    return [*own, *libraries, ("plotly.js", plotly.VERSION)]

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from fdd.campaign.units import for_each_unit
+from fdd.campaign.dataset import for_each_unit
 from fdd.plant.details import Details
 from fdd.plant.oil import air_compliance, viscosity_ratio
 from fdd.plant.scenario import Scenario

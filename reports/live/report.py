@@ -14,7 +14,7 @@ import numpy as np
 import paho.mqtt.client as paho
 import typer
 
-from fdd.campaign.motion import fitting_duty
+from fdd.campaign.scenarios import fitting_duty
 from fdd.cli.console import progress, remark
 from fdd.diagnosis.baseline import add_baseline
 from fdd.errors import InputError

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fdd.campaign.drawing import draw_unit
-from fdd.campaign.motion import fitting_duty
 from fdd.campaign.recipe import Recipe
+from fdd.campaign.scenarios import fitting_duty
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant import state as s

@@ -9,11 +9,10 @@ import pytest
 
 from fdd import InputError, Samples, Unit
 from fdd.campaign import generate as generate_module
-from fdd.campaign.dataset import Dataset, digest
+from fdd.campaign.dataset import Dataset, digest, for_each_unit
 from fdd.campaign.generate import generate
+from fdd.campaign.labels import largest_rms, noise_deviation, visibility, visibility_class
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.units import for_each_unit
-from fdd.campaign.visibility import largest_rms, noise_deviation, visibility, visibility_class
 from fdd.plant.faults.spec import SIMULATED, FaultScales
 from fdd.plant.oil import viscosity_ratio
 from fdd.plant.sensors import MEASURED, Recorder, Recording

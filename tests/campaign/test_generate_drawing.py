@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fdd import Scenario, Unit
-from fdd.campaign.calibration import calibration_runs
-from fdd.campaign.drawing import assign_faults, draw_scenario, draw_unit, stream, structure_of
+from fdd.campaign.drawing import assign_faults, calibration_runs, draw_unit, stream, structure_of
 from fdd.campaign.population import BETWEEN_UNITS
 from fdd.campaign.recipe import DRAWN_DUTIES, Recipe
+from fdd.campaign.scenarios import draw_scenario
 from fdd.campaign.sizes import RELIEF, Scale, Size, sized_unit
 from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant.details import Details

@@ -7,9 +7,10 @@ import pytest
 
 from fdd import Scenario, Unit
 from fdd.campaign import population
-from fdd.campaign.drawing import as_it_runs, draw_scenario, draw_unit, stream
+from fdd.campaign.drawing import draw_unit, stream
 from fdd.campaign.population import BETWEEN_UNITS, FRICTION, OIL_VOLUME, WANDER, charge_factor, with_its_air
 from fdd.campaign.recipe import Recipe
+from fdd.campaign.scenarios import as_it_runs, draw_scenario
 from fdd.campaign.spreads import UnitLogs, learnt_spread
 from fdd.diagnosis.baseline import log_equations, scattered
 from fdd.plant import conditions as c

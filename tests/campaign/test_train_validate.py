@@ -10,8 +10,9 @@ import pytest
 from scipy.stats import genpareto
 
 from fdd import Scenario, Unit, simulate
-from fdd.campaign.dataset import Dataset, Label
+from fdd.campaign.dataset import Dataset
 from fdd.campaign.generate import _trouble, generate
+from fdd.campaign.labels import Label
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, visible_from
 from fdd.campaign.train import LAW_SPREAD, LEAST_LOGS, ScoredLog, learnt, pareto, second_odds

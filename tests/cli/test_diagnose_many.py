@@ -14,13 +14,13 @@ import pandas as pd
 import pytest
 
 import fdd.logs
+from fdd.cli.batch import file_names, find_logs, names_of
 from fdd.cli.diagnose import status_of
-from fdd.cli.which_logs import file_names, find_logs, names_of
 from fdd.diagnosis.findings import Diagnosis
 from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.logs.formats import suffixes
-from fdd.offline.diagnoser import utc
+from fdd.offline import utc
 from fdd.unit import Unit
 from tests.logs.made_up_logs import mcap_of
 

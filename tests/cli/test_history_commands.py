@@ -12,7 +12,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from rich.console import Console
 
-from fdd.cli.tables import print_sheet
+from fdd.cli.console import print_sheet
 from fdd.logs.mcap_writing import write_run
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
@@ -90,7 +90,7 @@ def test_a_leakage_that_grows_over_twelve_logs(told, validator):
 
 
 def test_of_answers_nothing_is_diagnosed_and_a_limit_may_be_given(ran, told, answers, tmp_path, monkeypatch):
-    monkeypatch.setattr("fdd.offline.diagnoser.Diagnoser.answer", None)
+    monkeypatch.setattr("fdd.offline.Diagnoser.answer", None)
     report = tmp_path / "trend.html"
     result = ran("trend", answers, "--limit", "leakage=2.0", "--json", "-", "--report", report)
     assert "complete in itself" in report.read_text("utf-8")

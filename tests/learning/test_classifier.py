@@ -20,7 +20,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from fdd import load_dataset
-from fdd.campaign.classifiers import brier, judged, made, train_classifier
+from fdd.campaign.train import brier, judged, made, train_classifier
 from fdd.errors import InputError
 from fdd.learning import FaultClassifier
 from fdd.learning import stored as module

@@ -13,9 +13,17 @@ from hypothesis.extra.numpy import arrays
 from pages import EVIL, Page, case, decoded, hash_source
 
 from fdd.diagnosis.findings import Diagnosis
-from fdd.report.decimate import KEPT_PER_BUCKET, break_at_gaps, bucket_means, decimate, envelope, intervals
-from fdd.report.overview import COLUMNS, Row, render_index, summary_csv
-from fdd.report.traces import on_grid, packed
+from fdd.report.page import COLUMNS, Row, render_index, summary_csv
+from fdd.report.traces import (
+    KEPT_PER_BUCKET,
+    break_at_gaps,
+    bucket_means,
+    decimate,
+    envelope,
+    intervals,
+    on_grid,
+    packed,
+)
 
 
 @pytest.fixture

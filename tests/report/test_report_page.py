@@ -10,7 +10,8 @@ import pytest
 from pages import EVIL, Case, Page, case, decoded, hash_source, unpacked
 
 from fdd.diagnosis.findings import FaultFinding, Trajectories
-from fdd.report import plotly, render_report
+from fdd.report import render_report
+from fdd.report.page import PLOTLY_FILE, PLOTLY_VERSION, write_bundle
 from fdd.report.plots import y_range
 from fdd.samples import Samples
 
@@ -150,10 +151,10 @@ def test_pages_of_a_batch_share_plotly_and_sizes_are_bounded(tmp_path, rows):
     page = Page(html)
     assert len(html.encode()) < 500_000 and len(page.scripts) == 2
     assert page.script_policy() == f"{hash_source(page.scripts[1].encode())} 'strict-dynamic'"
-    plotly.write_bundle(tmp_path)
-    assert f'"{plotly.FILE}"' in page.scripts[1], "what the script loads is what stands beside the page"
-    bundle = (tmp_path / plotly.FILE).read_bytes()
-    assert f"v{plotly.VERSION}".encode() in bundle[:200]
+    write_bundle(tmp_path)
+    assert f'"{PLOTLY_FILE}"' in page.scripts[1], "what the script loads is what stands beside the page"
+    bundle = (tmp_path / PLOTLY_FILE).read_bytes()
+    assert f"v{PLOTLY_VERSION}".encode() in bundle[:200]
     begin = time.perf_counter()
     html = render_report(*made)
     assert rows > 60_000 or time.perf_counter() - begin < 1.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fdd import Samples, Unit
-from fdd.campaign.dataset import Label
+from fdd.campaign.labels import Label
 from fdd.identification import Identification, TableRow
 from reports import datasets, disturbed
 from tests.made_up import answer, entry, finding, label

@@ -1,12 +1,14 @@
-"""Logs through the pipeline, one by one, with what they share read once."""
+"""Whole logs through the pipeline, with what they share read once: `fdd.diagnose`, ``fdd diagnose``."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fdd import logs
 from fdd.bounds import MAX_UNIT_BYTES
@@ -16,14 +18,80 @@ from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.engines import Advance
 from fdd.errors import InputError
-from fdd.files import sha256_of
+from fdd.files import sha256_of, write_text
 from fdd.identification.log_scales import check_scales
-from fdd.logs import ChannelMap, DataQuality, Log
+from fdd.logs import ChannelMap, DataQuality, Log, as_log
 from fdd.residuals.added_tracker import tracker_named
+from fdd.samples import Samples
 from fdd.unit import Unit, shipped_units
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 BLOCK_ROWS = 10_000
 DEFAULT_UNIT = "axis_a"
+
+
+def diagnose(
+    log: str | Path | Log | Samples,
+    unit: Unit | str | Path | None = None,
+    map: ChannelMap | str | Path | None = None,
+    *,
+    model: Model | str | Path | None = None,
+    axis: str | None = None,
+    trackers: Sequence[str] = (),
+    keep_signals: bool = True,
+) -> Diagnosis:
+    """Diagnose a log: is there a fault, since when, which one, how severe, and how sure is that.
+
+    The same as ``fdd diagnose LOG --json -``.
+
+    Parameters
+    ----------
+    log : a file of any format, what `read_log` gave, or samples at hand.
+    unit : profile of the actuator: a `Unit`, a shipped one's name or a YAML file; best one that `identify`
+        made. None takes the one that the log carries, else axis_a, and a note says so.
+    map : channel map of a file whose columns have other names than `fdd.samples.CHANNELS`.
+    model : learnt layer, or its file; None takes the shipped one.
+    axis : of a file with several. trackers : of installed packages, that run beside ours (docs/extending.md).
+    keep_signals : what `Diagnosis.plot` draws stays with the answer; False where many answers are kept.
+
+    Returns
+    -------
+    Diagnosis : verdict, faults, probabilities, estimates and the quality of the data.
+
+    Raises
+    ------
+    InputError : one line that names the file, what is wrong and what would mend it.
+
+    Examples
+    --------
+    >>> answer = diagnose("run.mcap", unit="unit.yaml")  # doctest: +SKIP
+    >>> answer.verdict, [(f.fault, f.onset_s, f.confidence) for f in answer.faults]  # doctest: +SKIP
+    ('faulty', [('internal_leakage', 16.0, 0.99)])
+    """
+    if not isinstance(log, str | Path | Log | Samples):
+        mend = "give a file, what read_log gave, or Samples"
+        raise InputError(f"{type(log).__name__} is no log", mend=mend)
+    if map is not None and not isinstance(log, str | Path):
+        raise InputError("a channel map is for files", mend="give it to read_log")
+    diagnoser = Diagnoser(Settings(unit, map, model, axis, tuple(dict.fromkeys(trackers))))
+    if isinstance(log, str | Path):
+        job = Job(Path(log), Path(log).name)
+        found = diagnoser.diagnose(job, diagnoser.read(job), keep_trajectories=keep_signals)
+    else:
+        read = as_log(log, axis) if isinstance(log, Samples) else log
+        read = read if axis is None else replace(read, axis=axis)
+        found = diagnoser.answer(read, read.name, read.name, keep_trajectories=keep_signals)
+    if keep_signals:
+        found.diagnosis.draw_with(partial(_figure, found))
+    return found.diagnosis
+
+
+def _figure(found: Diagnosed) -> Figure:
+    from fdd.report.figure import draw_diagnosis
+
+    return draw_diagnosis(found.diagnosis, found.trajectories, found.log.samples)
 
 
 @dataclass
@@ -45,9 +113,8 @@ class Diagnosed:
 class Settings:
     """What all logs are diagnosed with: named, as on the command line, or at hand, as `diagnose` takes them.
 
-    Attributes
-    ----------
-    classifier : file of one that is asked, too. prior : share of such logs that is faulty; None: the model's.
+    `classifier` is the file of one that is asked, too, `prior` the share of such logs that is faulty; None
+    takes the model's.
     """
 
     unit: Unit | str | Path | None = None
@@ -65,13 +132,8 @@ class Settings:
 
 @dataclass(frozen=True)
 class Job:
-    """One log and what is written of it.
-
-    Attributes
-    ----------
-    name : of the log in its answer.
-    report : page with plotly.js in it. page : one that loads plotly.js from beside it.
-    """
+    """One log, its name in the answer, and what is written of it: `report` is a page with plotly.js in it,
+    `page` one that loads it from beside it."""
 
     path: Path
     name: str
@@ -86,12 +148,7 @@ class Job:
 
 
 class Diagnoser:
-    """Model, channel map and profile, read once for all logs.
-
-    Raises
-    ------
-    InputError : one of them cannot be used.
-    """
+    """Model, channel map and profile, read once for all logs; an InputError where one cannot be used."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -126,7 +183,7 @@ class Diagnoser:
     def diagnose(
         self, job: Job, log: Log, advance: Advance = lambda done: None, *, keep_trajectories: bool = True
     ) -> Diagnosed:
-        """Diagnose the job's log; see `answer`."""
+        """Diagnose the job's log, see `answer`."""
         found = self.answer(log, job.name, str(job.path), advance, keep_trajectories=keep_trajectories)
         found.diagnosis.sha256 = self.hashes(job.path)
         return found
@@ -135,16 +192,11 @@ class Diagnoser:
         self, log: Log, name: str, where: str, advance: Advance = lambda done: None, *,
         keep_trajectories: bool = True,
     ) -> Diagnosed:  # fmt: skip
-        """Diagnose a log that need not be a file.
+        """Diagnose a log that need not be a file; an InputError where its channels do not suffice, or the
+        profile in it cannot be used.
 
-        Parameters
-        ----------
-        name : of the log in its answer. where : what errors of scale call it. advance : told how many samples
-            are done. keep_trajectories : for outputs that show them; they take a third of the log's memory.
-
-        Raises
-        ------
-        InputError : its channels do not suffice, or the profile in it cannot be used.
+        The answer calls it `name`, errors of scale `where`; `advance` is told how many samples are done.
+        Trajectories are kept for outputs that show them; they take a third of the log's memory.
         """
         unit, note = (self.unit, None) if self.unit is not None else unit_of(log, None)
         notes = (*((note,) if note else ()), *check_scales(log.samples, unit, where))
@@ -174,15 +226,14 @@ class Diagnoser:
     def write(self, job: Job, found: Diagnosed) -> None:
         """Write what is wanted of a log; an InputError where that cannot be."""
         diagnosis, samples = found.diagnosis, found.log.samples
+        told = {"profile": found.unit.name, "log": found.log.name}
+        told["model"] = str(self.settings.model or "shipped")
         for path, alone in ((job.report, True), (job.page, False)):
             if path is not None:
-                from fdd.report import write_report
+                from fdd.report import render_report
 
-                settings = {
-                    "model": str(self.settings.model or "shipped"), "profile": found.unit.name,
-                    "log": found.log.name,
-                }  # fmt: skip
-                write_report(path, diagnosis, found.trajectories, samples, found.unit, settings, alone=alone)
+                shown = diagnosis, found.trajectories, samples, found.unit, told
+                write_text(path, render_report(*shown, alone=alone))
         if job.mcap is not None:
             from fdd.logs.mcap_writing import write_annotated
 
@@ -197,8 +248,8 @@ def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
     where nobody chose it; an InputError where there is no such profile, or an unusable one."""
     if given is not None:
         return Unit.load(given), None
-    text = None if log is None else log.metadata.get("unit", {}).get("yaml")
-    if text is not None and log is not None:
+    axis = None if log is None else log.axis
+    if log is not None and (text := log.metadata.get("unit", {}).get("yaml")) is not None:
         where = f"{log.name}, unit profile in its metadata"
         if len(text) > MAX_UNIT_BYTES:
             raise InputError(f"larger than {MAX_UNIT_BYTES} bytes", where=where, mend="give --unit")
@@ -206,7 +257,6 @@ def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
             return _parsed(text), None
         except InputError as error:
             raise InputError(error.problem, where=where, mend=error.mend) from None
-    axis = None if log is None else log.axis
     taken = axis if axis in shipped_units() else DEFAULT_UNIT
     note = f"no unit profile given: taken for {taken} (give --unit, or make one with fdd identify)"
     return Unit.load(taken), note
@@ -220,10 +270,8 @@ def _parsed(text: str) -> Unit:
 
 def quality_of(found: DataQuality, notes: tuple[str, ...] = ()) -> Quality:
     """The reader's counts and notes as the answer carries them."""
-    return Quality(
-        dropped_samples=found.dropped_samples, nan_samples=found.nan_samples, time_jumps=found.time_jumps,
-        notes=[*found.notes, *notes],
-    )  # fmt: skip
+    counts = {name: getattr(found, name) for name in ("dropped_samples", "nan_samples", "time_jumps")}
+    return Quality(**counts, notes=[*found.notes, *notes])
 
 
 def printable(name: str) -> str:

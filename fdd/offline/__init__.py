@@ -1,1 +1,0 @@
-"""Diagnosis of whole logs: what `fdd.diagnose` and ``fdd diagnose`` share."""
