@@ -17,8 +17,8 @@ from fdd.campaign.visibility import ChannelVisibility
 from fdd.errors import InputError
 from fdd.files import sha256_of
 from fdd.logs import read_log
+from fdd.plant import Validated
 from fdd.plant.truth import TRUTH, Truth
-from fdd.plant.validated import Validated
 from fdd.samples import Samples
 from fdd.unit import Unit
 from fdd.validation import input_error
@@ -81,7 +81,7 @@ class Entry(Validated):
     file, truth : paths below the data set's folder.
     base : profile that its unit was varied from.
     structure, condition : of the recipe; empty where it has none.
-    fault_scales : figures of severity 1, see `fdd.plant.faults.spec.FaultScales`; empty without structures.
+    fault_scales : figures of severity 1, see `fdd.plant.faults.FaultScales`; empty without structures.
     truth_medians : true leakage (m³/(s·Pa)), bulk modulus (Pa), Coulomb (N) and viscous friction
         (N·s/m): medians while all faults act, or over the log if healthy.
     twin : path of the same log without its faults; None for a healthy log, or where none was made.

@@ -23,8 +23,7 @@ from fdd.campaign.structures import EQUAL, Condition, Departure, Structure
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
 from fdd.plant.duty import ConstantSpeed, Duty
-from fdd.plant.faults.injection import STATE_BORNE
-from fdd.plant.faults.spec import FaultScales, FaultSpec
+from fdd.plant.faults import STATE_BORNE, FaultScales, FaultSpec
 from fdd.plant.load import LOADS, Load
 from fdd.plant.scenario import Control, Scenario
 from fdd.plant.sensors.recording import Recording

@@ -10,9 +10,9 @@ import numpy as np
 from fdd.campaign.ranges import Rng, chosen, spread, uniform
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import NEUTRAL, Scale
+from fdd.plant import Programme
 from fdd.plant.duty import DUTIES, Duty, Mission
 from fdd.plant.load import ChangingLoad
-from fdd.plant.programme import Programme
 from fdd.plant.scenario import Control
 from fdd.unit import Unit
 

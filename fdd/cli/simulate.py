@@ -111,7 +111,7 @@ def simulate(
 
     from fdd.cli.console import progress
     from fdd.plant.duty import Steps
-    from fdd.plant.faults.spec import parse_fault
+    from fdd.plant.faults import parse_fault
     from fdd.plant.scenario import Scenario, scenario_data
     from fdd.unit import Unit
 
@@ -153,9 +153,9 @@ def _section(data: Data, *names: str) -> Data:
 
 
 def _set_motion(data: Data, profile: str | None, load: str | None, control: str | None) -> None:
+    from fdd.plant import named, named_parameters
     from fdd.plant.duty import DUTIES
     from fdd.plant.load import LOADS
-    from fdd.plant.validated import named, named_parameters
 
     if profile is not None:
         name, parameters = named_parameters(profile, "--profile")
@@ -170,7 +170,7 @@ def _set_motion(data: Data, profile: str | None, load: str | None, control: str 
 
 
 def _set_partner(data: Data, text: str) -> None:
-    from fdd.plant.validated import named_parameters
+    from fdd.plant import named_parameters
 
     name, parameters = named_parameters(text, "--partner")
     if odd := parameters.keys() - {"drive", "power"}:

@@ -24,7 +24,7 @@ DECADES = (0.0, 9.0)
 
 @dataclass(frozen=True)
 class Figure:
-    """A number behind severity 1 that a user may override (`fdd.plant.faults.spec.FaultScales`).
+    """A number behind severity 1 that a user may override (`fdd.plant.faults.FaultScales`).
 
     Attributes
     ----------

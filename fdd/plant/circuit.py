@@ -11,10 +11,8 @@ from typing import Annotated
 from pydantic import Field
 
 from fdd.errors import InputError
-from fdd.plant import Array
+from fdd.plant import SHUT, Array, ShareProgramme, Validated
 from fdd.plant import conditions as c
-from fdd.plant.programme import SHUT, ShareProgramme
-from fdd.plant.validated import Validated
 from fdd.unit import Unit
 
 RATED_PRESSURE = 10.34e6

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from fdd.plant.validated import Ranges, Validated
+from fdd.plant import Ranges, Validated
 
 
 class Details(Validated):

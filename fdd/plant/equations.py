@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 
-from fdd.plant import Array
+from fdd.plant import Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.hydraulics import gas_rate, hydraulic_rates
 from fdd.plant.laws import oil_at, orifice, store_pressure
-from fdd.plant.parameters import DAHL, ELASTOPLASTIC, SMOOTH, Constants
+from fdd.plant.parameters import DAHL, ELASTOPLASTIC, SMOOTH
 
 _WORN_LENGTH = 0.25
 """Of the half stroke: how far from mid-stroke a seal's running-in track is felt (1/e of its change)."""

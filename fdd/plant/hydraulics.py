@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import math
 
-from fdd.plant import Array
+from fdd.plant import Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.laws import lift_rate, oil_at, opening, orifice, poppet, settled_air
-from fdd.plant.parameters import Constants
 
 _STARVED = 20e3
 """Pa, absolute: inlet pressure below which the pump no longer fills. Without it a pump that is not refed

@@ -11,17 +11,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.plant import Array
+from fdd.plant import PERIOD, Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
 from fdd.plant.laws import oil_at, settled_air, walther
-from fdd.plant.parameters import Constants
 from fdd.plant.steps import STAGES, advance
 
-PERIOD = 1e-3
-"""s, of controller and recording."""
 LATE_PARTS = 10
 """Parts of a sample's period in which its lateness is counted."""
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from fdd.plant import Constants
 from fdd.plant import oil as o
 from fdd.plant.compiled import njit
-from fdd.plant.parameters import Constants
 
 _LEAST_ABSOLUTE = 1.0  # Pa; guards the power law within a step, gas and vapour keep the state above
 

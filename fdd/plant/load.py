@@ -8,9 +8,7 @@ import numpy as np
 from pydantic import Field
 from scipy.signal import butter, sosfilt
 
-from fdd.plant import Array
-from fdd.plant.programme import AnyProgramme, Programme
-from fdd.plant.validated import Ranges, Validated
+from fdd.plant import AnyProgramme, Array, Programme, Ranges, Validated
 
 _CONTROL_RATE = 1000.0
 

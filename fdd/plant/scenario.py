@@ -19,15 +19,14 @@ from pydantic import Field, model_validator
 
 from fdd.bounds import MAX_SCENARIO_BYTES
 from fdd.errors import InputError
+from fdd.plant import FULL, ShareProgramme, Validated
 from fdd.plant.circuit import WHERE, Circuit, Connect
 from fdd.plant.details import Details
 from fdd.plant.duty import AnyDuty, ConstantSpeed, Standstill, Steps
-from fdd.plant.faults.spec import FaultScales, FaultSpec
+from fdd.plant.faults import FaultScales, FaultSpec
 from fdd.plant.load import AnyLoad, NoLoad
 from fdd.plant.oil import ATMOSPHERE
-from fdd.plant.programme import FULL, ShareProgramme
 from fdd.plant.sensors.recording import Recording
-from fdd.plant.validated import Validated
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 SCENARIO_SCHEMA = "fdd.scenario/1"

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.plant import Array
+from fdd.plant import PERIOD, Array
 from fdd.plant import conditions as c
-from fdd.plant.faults.spec import FaultSpec
-from fdd.plant.integrator import LATE_PARTS, PERIOD, run
+from fdd.plant.faults import FaultSpec
+from fdd.plant.integrator import LATE_PARTS, run
 from fdd.plant.prepare import Prepared, prepare, stream_of
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors import Lateness, Recorder

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fdd.plant import Array
+from fdd.plant import Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.oil import bulk_modulus, viscosity_ratio
-from fdd.plant.parameters import Constants
 from fdd.unit import Unit
 
 TRUTH: dict[str, tuple[str, str]] = {

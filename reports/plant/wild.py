@@ -13,10 +13,11 @@ from fdd.campaign.motion import fitting_duty
 from fdd.campaign.recipe import Recipe
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
+from fdd.plant import PERIOD
 from fdd.plant import state as s
 from fdd.plant.duty import DUTIES, Duty, Levels, OneWay
-from fdd.plant.faults.injection import PLANT_FAULTS
-from fdd.plant.integrator import PERIOD, STEPS
+from fdd.plant.faults import PLANT_FAULTS
+from fdd.plant.integrator import STEPS
 from fdd.plant.load import LOADS
 from fdd.plant.prepare import Prepared, prepare
 from fdd.plant.scenario import Control, Scenario

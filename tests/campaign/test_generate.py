@@ -14,7 +14,7 @@ from fdd.campaign.generate import generate
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.units import for_each_unit
 from fdd.campaign.visibility import largest_rms, noise_deviation, visibility, visibility_class
-from fdd.plant.faults.spec import SIMULATED, FaultScales
+from fdd.plant.faults import SIMULATED, FaultScales
 from fdd.plant.oil import viscosity_ratio
 from fdd.plant.sensors import MEASURED, Recorder, Recording
 from tests.refusal import refused

@@ -31,7 +31,7 @@ larger = Scale(sized_unit(Size(), np.random.default_rng(1))).fault_scales({{}})
 assert np.isclose(larger["bypass_valve_flow"], 0.5 * larger["relief_valve_flow"], rtol=1e-12)
 
 from fdd.plant import conditions as c
-from fdd.plant.faults.spec import parse_fault
+from fdd.plant.faults import parse_fault
 from fdd.plant.prepare import axis_conditions
 for scales, flow in (({{}}, 5e-5), ({{"bypass_valve_flow": 2e-5}}, 2e-5)):
     faults = [parse_fault("{NEW}:severity=0.4,onset=1")]

@@ -5,7 +5,7 @@ import pytest
 from fault_case import Array, Case, checked, lost, over_time
 
 from fdd.plant.details import Details
-from fdd.plant.faults.spec import FaultScales
+from fdd.plant.faults import FaultScales
 from fdd.plant.load import ConstantLoad, NoLoad
 from fdd.plant.oil import viscosity_ratio
 from fdd.plant.scenario import Recording

@@ -9,7 +9,7 @@ import numpy as np
 
 from fdd.faults import CATALOGUE
 from fdd.plant.duty import Levels, Steps
-from fdd.plant.faults.spec import FaultSpec
+from fdd.plant.faults import FaultSpec
 from fdd.plant.load import ConstantLoad, NoLoad
 from fdd.plant.scenario import Control, Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.plant import Array
+from fdd.plant import PERIOD, Array
 from fdd.plant.compiled import njit
-from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.plant.sensors.recording import PERIOD, Recording, generator
+from fdd.plant.faults import FaultScales, FaultSpec
+from fdd.plant.sensors.recording import Recording, generator
 from fdd.sensor import Sensor
 
 USUAL = FaultScales()

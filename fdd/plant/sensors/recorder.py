@@ -17,7 +17,7 @@ from scipy.signal import butter, sosfilt
 
 from fdd.plant import Array
 from fdd.plant.compiled import njit
-from fdd.plant.faults.spec import FaultScales, FaultSpec
+from fdd.plant.faults import FaultScales, FaultSpec
 from fdd.plant.sensors.faults import USUAL, SensorFault, sensor_fault, struck_channel
 from fdd.plant.sensors.recording import NanBursts, Recording, generator
 from fdd.samples import Samples
