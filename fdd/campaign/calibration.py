@@ -7,7 +7,7 @@ import numpy as np
 from fdd.campaign.drawing import Rig
 from fdd.campaign.recipe import Recipe
 from fdd.plant.duty import AnyDuty, ConstantSpeed, Sines
-from fdd.plant.load import AnyLoad, NoLoad, ThrottleLoad
+from fdd.plant.rig import AnyLoad, NoLoad, ThrottleLoad
 from fdd.plant.scenario import Control, Scenario
 from fdd.unit import Unit
 

@@ -18,7 +18,7 @@ from fdd.errors import InputError
 from fdd.files import sha256_of
 from fdd.logs import read_log
 from fdd.plant import Validated
-from fdd.plant.truth import TRUTH, Truth
+from fdd.plant.state import TRUTH, Truth
 from fdd.samples import Samples
 from fdd.unit import Unit
 from fdd.validation import input_error

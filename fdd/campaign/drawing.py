@@ -24,7 +24,7 @@ from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
 from fdd.plant.duty import ConstantSpeed, Duty
 from fdd.plant.faults import STATE_BORNE, FaultScales, FaultSpec
-from fdd.plant.load import LOADS, Load
+from fdd.plant.rig import LOADS, Load
 from fdd.plant.scenario import Control, Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.unit import Cylinder, Section, Unit

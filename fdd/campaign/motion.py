@@ -12,7 +12,7 @@ from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import NEUTRAL, Scale
 from fdd.plant import Programme
 from fdd.plant.duty import DUTIES, Duty, Mission
-from fdd.plant.load import ChangingLoad
+from fdd.plant.rig import ChangingLoad
 from fdd.plant.scenario import Control
 from fdd.unit import Unit
 

@@ -21,7 +21,7 @@ from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant import Validated
 from fdd.plant.duty import DUTIES
 from fdd.plant.faults import SIMULATED, FaultScales
-from fdd.plant.load import LOADS
+from fdd.plant.rig import LOADS
 from fdd.plant.scenario import Recording
 from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
 

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from fdd.plant import Validated
-from fdd.plant.sensors import KNOWN, Recording
+from fdd.plant.sensors import KNOWN
+from fdd.plant.sensors.recording import Recording
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
 

@@ -155,7 +155,7 @@ def _section(data: Data, *names: str) -> Data:
 def _set_motion(data: Data, profile: str | None, load: str | None, control: str | None) -> None:
     from fdd.plant import named, named_parameters
     from fdd.plant.duty import DUTIES
-    from fdd.plant.load import LOADS
+    from fdd.plant.rig import LOADS
 
     if profile is not None:
         name, parameters = named_parameters(profile, "--profile")
@@ -182,7 +182,7 @@ def _set_partner(data: Data, text: str) -> None:
 def _set_valve(data: Data, text: str) -> None:
     """Take ``--valve connect_1=1``, ``throttle=0:0/5:1`` or, of the partner, ``b.throttle=0.5``; and
     the other numbers of a circuit, and those of its external accumulators, which connects them."""
-    from fdd.plant.circuit import Circuit, ExternalAccumulators
+    from fdd.plant.rig import Circuit, ExternalAccumulators
 
     where = f"--valve {text}"
     key, equals, value = (part.strip() for part in text.partition("="))

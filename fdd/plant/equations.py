@@ -1,4 +1,4 @@
-"""The plant's right-hand side: seals, servomotor and rod of one axis, or of two on one rod, compiled.
+"""The plant's right-hand side: seals, servomotor, gas and rod of one axis, or of two on one rod, compiled.
 
 Each axis has its own hydraulics, drive and seal friction; piston position and velocity are shared, since the
 cylinders are joined at the shaft (section 4.5), and connect valves may join the lines (section 4.6.6).
@@ -13,9 +13,9 @@ from fdd.plant import Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
-from fdd.plant.hydraulics import gas_rate, hydraulic_rates
-from fdd.plant.laws import oil_at, orifice, store_pressure
-from fdd.plant.parameters import DAHL, ELASTOPLASTIC, SMOOTH
+from fdd.plant.details import DAHL, ELASTOPLASTIC, SMOOTH
+from fdd.plant.hydraulics import hydraulic_rates, orifice
+from fdd.plant.oil import oil_at
 
 _WORN_LENGTH = 0.25
 """Of the half stroke: how far from mid-stroke a seal's running-in track is felt (1/e of its change)."""
@@ -202,6 +202,42 @@ def end_stop(x: float, v: float, par: Constants) -> float:
     elif x < -par.half_stroke:
         force += min(par.stop_stiffness * (x + par.half_stroke) * (1.0 - par.stop_damping * v), 0.0)
     return force
+
+
+@njit(error_model="numpy", inline="always")
+def store_pressure(oil: float, heat: float, par: Constants) -> float:
+    """Gauge pressure (Pa) of the accumulator and the inner circuit around it.
+
+    Gas on its separator (eq. 3.19) while that floats. At its stop on the oil's side the accumulator is empty:
+    the pressure falls with what little gas the inner circuit's own oil holds. At the other one the inner
+    circuit's oil alone gives.
+
+    Of the `oil` held (m³; negative is what the inner circuit lacks) and the gas's absolute temperature over
+    that at rest.
+    """
+    if oil < 0.0:
+        left = par.gallery_gas / (par.gallery_gas - oil)
+        return par.gas_pressure * par.gas_volume / par.shell_volume * heat * left - par.ambient
+    held = min(oil, par.full)
+    gas = par.gas_pressure * par.gas_volume * heat / (par.shell_volume - held)
+    return gas - par.ambient + (oil - held) * par.full_stiffness
+
+
+@njit(error_model="numpy", inline="always")
+def gas_rate(y: Array, pa: float, now: Array, par: Constants, dy: Array) -> None:
+    """Fill the rate (1/s) of the accumulator gas's temperature over that at rest, once all that goes into its
+    oil is known.
+
+    An ideal diatomic gas that gives its heat to the shell with one time constant (Pourmovahed and Otis,
+    doi:10.1115/1.2894128): quick changes are adiabatic, slow ones isothermal. The shell takes a share of the
+    oil's warming. `pa` (Pa, gauge) is the gas's pressure.
+    """
+    specific = now[c.STORE_SPECIFIC]
+    warm = y[s.TEMPERATURE] - par.surroundings
+    work = 0.0
+    if 0.0 < y[s.STORE] * specific < par.full:
+        work = (pa + par.ambient) * (dy[s.STORE] * specific) * par.gas_work
+    dy[s.GAS] = work - (y[s.GAS] - 1.0 - par.gas_warming * warm) * par.gas_rate
 
 
 # Its arrays are borrowed: without counting references to them (_nrt) it takes a quarter less time.

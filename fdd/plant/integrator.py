@@ -16,7 +16,7 @@ from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
-from fdd.plant.laws import oil_at, settled_air, walther
+from fdd.plant.oil import oil_at, settled_air, walther
 from fdd.plant.steps import STAGES, advance
 
 LATE_PARTS = 10

@@ -16,16 +16,16 @@ from fdd.plant import PERIOD, Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import integrator as loop
 from fdd.plant import state as s
-from fdd.plant.circuit import apply, apply_connect, check_charging
+from fdd.plant.details import plant_parameters, record
 from fdd.plant.duty import ConstantSpeed
 from fdd.plant.equations import load_spring
 from fdd.plant.faults import STATE_BORNE, inject
 from fdd.plant.integrator import new_memory, take_row
-from fdd.plant.laws import settled_air
-from fdd.plant.oil import walther_line
-from fdd.plant.parameters import plant_parameters, record
+from fdd.plant.oil import settled_air, walther_line
+from fdd.plant.rig import apply, apply_connect, check_charging
 from fdd.plant.scenario import Scenario
-from fdd.plant.sensors import generator, position_offset
+from fdd.plant.sensors.faults import position_offset
+from fdd.plant.sensors.recording import generator
 from fdd.plant.steps import tolerances
 from fdd.unit import Unit
 

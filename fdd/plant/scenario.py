@@ -20,12 +20,11 @@ from pydantic import Field, model_validator
 from fdd.bounds import MAX_SCENARIO_BYTES
 from fdd.errors import InputError
 from fdd.plant import FULL, ShareProgramme, Validated
-from fdd.plant.circuit import WHERE, Circuit, Connect
 from fdd.plant.details import Details
 from fdd.plant.duty import AnyDuty, ConstantSpeed, Standstill, Steps
 from fdd.plant.faults import FaultScales, FaultSpec
-from fdd.plant.load import AnyLoad, NoLoad
 from fdd.plant.oil import ATMOSPHERE
+from fdd.plant.rig import WHERE, AnyLoad, Circuit, Connect, NoLoad
 from fdd.plant.sensors.recording import Recording
 from fdd.yaml_reading import yaml_mapping, yaml_text
 

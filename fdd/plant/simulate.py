@@ -19,8 +19,9 @@ from fdd.plant.faults import FaultSpec
 from fdd.plant.integrator import LATE_PARTS, run
 from fdd.plant.prepare import Prepared, prepare, stream_of
 from fdd.plant.scenario import Scenario
-from fdd.plant.sensors import Lateness, Recorder
-from fdd.plant.truth import Truth, truth_columns
+from fdd.plant.sensors import Recorder
+from fdd.plant.sensors.recording import Lateness
+from fdd.plant.state import Truth, truth_columns
 from fdd.samples import Samples
 from fdd.unit import Unit
 

@@ -18,8 +18,8 @@ from fdd.plant import state as s
 from fdd.plant.duty import DUTIES, Duty, Levels, OneWay
 from fdd.plant.faults import PLANT_FAULTS
 from fdd.plant.integrator import STEPS
-from fdd.plant.load import LOADS
 from fdd.plant.prepare import Prepared, prepare
+from fdd.plant.rig import LOADS
 from fdd.plant.scenario import Control, Scenario
 from fdd.plant.simulate import RawBlock, raw_blocks
 from fdd.unit import Unit

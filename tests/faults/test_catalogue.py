@@ -14,7 +14,7 @@ from fdd.diagnosis.hypotheses import HealthyUnit
 from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, Fault, Signature
 from fdd.plant.details import Details
 from fdd.plant.faults import PARAMETERS
-from fdd.plant.sensors import SENSOR_FAULTS
+from fdd.plant.sensors.faults import SENSOR_FAULTS
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.effects import first_effects
 from fdd.residuals.quantities import Scales

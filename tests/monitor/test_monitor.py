@@ -17,7 +17,7 @@ from fdd.logs.channel_map import ChannelMap
 from fdd.monitor import Event, Found, JsonLines, LineParser, Noted, Replay, Status, WallClock, watch
 from fdd.monitor.lines import split_lines
 from fdd.monitor.stream_clock import CLOCK_GAP_S
-from fdd.plant.load import SpringLoad
+from fdd.plant.rig import SpringLoad
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples

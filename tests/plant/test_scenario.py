@@ -9,12 +9,11 @@ from scipy.signal import bilinear
 from fdd import Unit, simulate
 from fdd.plant import conditions as c
 from fdd.plant import programme
-from fdd.plant.circuit import Circuit, ExternalAccumulators, apply, check_charging
 from fdd.plant.duty import DUTIES, Levels, OneWay
-from fdd.plant.load import LOADS, GustLoad
 from fdd.plant.prepare import axis_conditions, chatter_filter, prepare
+from fdd.plant.rig import LOADS, Circuit, ExternalAccumulators, GustLoad, apply, check_charging
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.truth import TRUTH
+from fdd.plant.state import TRUTH
 from tests.refusal import refused
 
 AXIS_A, UNIT = Unit.load("axis_a"), Unit.load("axis_b")
