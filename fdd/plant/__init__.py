@@ -76,9 +76,8 @@ def named_parameters(text: str, option: str) -> tuple[str, dict[str, object]]:
     for part in filter(None, (p.strip() for p in rest.split(","))):
         key, equals, value = (p.strip() for p in part.partition("="))
         if not equals or not key or key in ("name", "self", "fault"):
-            raise InputError(
-                f"{option} {text}: {part!r} is not a parameter", mend="write NAME:key=value,key=value"
-            )
+            problem = f"{option} {text}: {part!r} is not a parameter"
+            raise InputError(problem, mend="write NAME:key=value,key=value")
         if key in out:
             raise InputError(f"{option} {text}: {key} is given twice", mend="give it once")
         out[key] = value.split("/") if "/" in value else value
@@ -133,9 +132,8 @@ class Programme(Validated):
         times = [t for t, _ in self.points]
         for k in range(1, len(times)):
             if times[k] < times[k - 1]:
-                raise InputError(
-                    f"time {times[k]:g} s comes after {times[k - 1]:g} s", mend="sort the points by time"
-                )
+                problem = f"time {times[k]:g} s comes after {times[k - 1]:g} s"
+                raise InputError(problem, mend="sort the points by time")
             if k > 1 and times[k] == times[k - 2]:
                 raise InputError(f"three points at {times[k]:g} s", mend="a jump takes two")
         return self
@@ -194,10 +192,8 @@ def _pair(point: Any) -> tuple[Any, Any]:
 
 def _share(found: Programme) -> Programme:
     if found.least < 0.0 or found.most > 1.0:
-        raise InputError(
-            f"{found.least if found.least < 0.0 else found.most:g} is out of range",
-            mend="use 0 (shut, off) to 1 (fully open, on)",
-        )
+        problem = f"{found.least if found.least < 0.0 else found.most:g} is out of range"
+        raise InputError(problem, mend="use 0 (shut, off) to 1 (fully open, on)")
     return found
 
 

@@ -229,11 +229,9 @@ def plant_parameters(
                 where=f"unit {unit.name} cylinder",
                 mend="enlarge it or shorten stroke",
             )
-    tank = unit.accumulator
+    tank, external = unit.accumulator, circuit.accumulators
     charge = tank.charge_pressure * charge_factor
     gain, integral, feed, rate = velocity_loop(drive, details.current_lag)
-    external = circuit.accumulators
-    n = oil.polytropic_index
     stiff = 1.0 / stiff_bulk_modulus(oil)
     thickness = float(viscosity(oil, oil.reference_temperature))
     critical = math.sqrt(details.bristle_stiffness * cylinder.moving_mass)
@@ -267,10 +265,8 @@ def plant_parameters(
         "seal_area": details.seal_pressure * area,
         # Oil.
         "stiff_compliance": stiff, "softening": SOFTENING, "expansion": oil.thermal_expansion,
-        "reference_temperature": oil.reference_temperature,
-        "vapour_pressure": VAPOUR_PRESSURE,
-        "polytropic_inverse": 1.0 / n,
-        "ambient": ambient,
+        "reference_temperature": oil.reference_temperature, "vapour_pressure": VAPOUR_PRESSURE,
+        "polytropic_inverse": 1.0 / oil.polytropic_index, "ambient": ambient,
         # 1/Pa: one over the gauge pressure at which air is as dissolved as it gets (0: it stays free),
         # and air that comes out of solution for each pascal below the surroundings' pressure.
         "dissolving": dissolves / details.dissolving_pressure,
@@ -279,20 +275,16 @@ def plant_parameters(
         # All air over what is free at the oil's reference pressure.
         "air_scale": 1.0 / left,
         # Pump and inner circuit.
-        "teeth": float(details.pump_teeth),
-        "ripple": details.pump_ripple,
+        "teeth": float(details.pump_teeth), "ripple": details.pump_ripple,
         "refeed_cracking": tank.refeed_cracking_pressure, "refeed_gain": tank.refeed_flow_gain,
         "case_cracking": tank.case_cracking_pressure, "case_gain": tank.refeed_flow_gain,
         # 1/s of the refeeding valves' poppets.
         "check_rate": 1.0 / details.check_lag,
-        "relief_pressure": tank.relief_pressure,
-        "relief_gain": tank.relief_flow_gain,
+        "relief_pressure": tank.relief_pressure, "relief_gain": tank.relief_flow_gain,
         "relief_rate": 1.0 / details.relief_lag,
         # Pa, absolute, and m³ of the accumulator's gas at rest; m³ of oil at which the separator comes to
         # its stop on the gas's side.
-        "gas_pressure": charge + ambient,
-        "gas_volume": tank.gas_volume,
-        "shell_volume": shell,
+        "gas_pressure": charge + ambient, "gas_volume": tank.gas_volume, "shell_volume": shell,
         "full": _FULL * shell,
         "full_stiffness": oil.bulk_modulus / details.gallery_volume,
         "gallery_gas": details.gallery_gas * details.gallery_volume,
@@ -310,8 +302,7 @@ def plant_parameters(
         "external_volume": external.gas_volume if external else 1.0,
         # Drive.
         "loop_gain": gain, "loop_integral": integral, "loop_feed": feed, "current_rate": rate,
-        "back_emf": drive.back_emf_constant,
-        "rotary_viscous": drive.viscous_friction,
+        "back_emf": drive.back_emf_constant, "rotary_viscous": drive.viscous_friction,
         "rotary_coulomb": details.pump_coulomb_torque,
         "pump_drag": details.pump_drag * oil.density * thickness * pump.displacement,
         "cogging_torque": details.cogging_torque * pump.displacement * tank.relief_pressure,

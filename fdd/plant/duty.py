@@ -350,9 +350,8 @@ class Mission(Duty):
     @model_validator(mode="after")
     def _timed(self) -> Mission:
         if len(self.stages) != len(self.seconds):
-            raise InputError(
-                f"{len(self.stages)} stages, {len(self.seconds)} times", mend="give each stage its seconds"
-            )
+            problem = f"{len(self.stages)} stages, {len(self.seconds)} times"
+            raise InputError(problem, mend="give each stage its seconds")
         return self
 
     def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:

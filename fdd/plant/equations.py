@@ -77,17 +77,13 @@ def friction_rates(y: Array, x: float, v: float, now: Array, par: Constants, dy:
     dz = v - slip
     dy[s.Z] = dz
     dy[s.MEMORY] = (slip - memory) * par.friction_rate
-    fade = par.bristle_fade * par.bristle_fade
     resisting = par.seal_damping * (v - memory)
     if law != ELASTOPLASTIC:
         dy[s.MEMORY] = 0.0
         resisting = 0.0
-    return (
-        par.bristle_stiffness * z
-        + par.bristle_damping * fade / (fade + v * v) * dz
-        + resisting
-        + now[c.VISCOUS] * viscous * v
-    )
+    fade = par.bristle_fade * par.bristle_fade
+    bristle = par.bristle_stiffness * z + par.bristle_damping * fade / (fade + v * v) * dz
+    return bristle + resisting + now[c.VISCOUS] * viscous * v
 
 
 @njit(error_model="numpy", inline="always")

@@ -81,9 +81,8 @@ class FaultSpec(Validated):
     def _known(self) -> FaultSpec:
         entry = fault(self.fault)
         if not entry.simulated:
-            raise InputError(
-                f"fault {self.fault!r} is not simulated", mend=f"the simulated ones: {', '.join(SIMULATED)}"
-            )
+            problem = f"fault {self.fault!r} is not simulated"
+            raise InputError(problem, mend=f"the simulated ones: {', '.join(SIMULATED)}")
         for name, given, allowed in (
             ("side", self.side, entry.sides),
             ("variant", self.variant, entry.variants),
@@ -96,10 +95,8 @@ class FaultSpec(Validated):
                 mend = f"use one of: {shown}" if allowed else f"leave {name} out"
                 raise InputError(f"fault {self.fault}: {name} {given!r} is not possible", mend=mend)
         if entry.in_measurement and self.profile in ("load", "heat"):
-            raise InputError(
-                f"fault {self.fault}: a sensor's fault does not come with {self.profile}",
-                mend="use one of: step, ramp, intermittent, exponential, random",
-            )
+            problem = f"fault {self.fault}: a sensor's fault does not come with {self.profile}"
+            raise InputError(problem, mend="use one of: step, ramp, intermittent, exponential, random")
         return self
 
     @property

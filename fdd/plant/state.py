@@ -132,22 +132,27 @@ def truth_columns(
 
     From the axis's conditions (n, COLUMNS), the plant's states (n, states) and findings (n, axes·FINDINGS).
     """
-    own = states[:, SHARED + axis * AXIS_STATES :]
-    f = found[:, axis * FINDINGS :]
+    own, f = states[:, SHARED + axis * AXIS_STATES :], found[:, axis * FINDINGS :]
     air_1, air_2 = own[:, FREE_1], own[:, FREE_2]
-    air = 0.5 * (air_1 + air_2)
     p1, p2, speed = own[:, P1], own[:, P2], own[:, SPEED]
     ratio = viscosity_ratio(unit.oil, own[:, TEMPERATURE]) * rows[:, c.VISCOSITY]
     cross = rows[:, c.CROSS_LEAKAGE] + rows[:, c.SPEED_LEAKAGE] * np.abs(speed) + rows[:, c.SEAL_LEAKAGE]
     drop = f[:, PORT_DIFFERENCE]
     case = 0.25 * (rows[:, c.CASE_LEAKAGE_1] + rows[:, c.CASE_LEAKAGE_2])
     cross = cross + rows[:, c.CROSS_OPENING] * np.abs(drop)
+    leakage = (cross + case) / ratio
+    if rows[:, c.CROSS_ORIFICE].any():
+        # Of the turbulent part its flow over the present pressure, laminar up to a width.
+        width = par.orifice_transition * ratio**2
+        leakage = leakage + rows[:, c.CROSS_ORIFICE] * 1e-3 / np.sqrt(np.sqrt(drop * drop + width * width))
     film = 1.0 + par.film_share * (np.sqrt(ratio) - 1.0)
     coulomb_forward = par.coulomb_forward * rows[:, c.FRICTION_FORWARD] * rows[:, c.COULOMB_FORWARD]
     coulomb_reverse = par.coulomb_reverse * rows[:, c.FRICTION_REVERSE] * rows[:, c.COULOMB_REVERSE]
     computed = {
-        "leakage": (cross + case) / ratio + _secant(rows, f, par.orifice_transition * ratio**2),
-        "bulk_modulus": bulk_modulus(unit.oil, np.full_like(p1, unit.oil.reference_pressure), air),
+        "leakage": leakage,
+        "bulk_modulus": bulk_modulus(
+            unit.oil, np.full_like(p1, unit.oil.reference_pressure), 0.5 * (air_1 + air_2)
+        ),
         "bulk_modulus_1": bulk_modulus(unit.oil, p1, air_1, par.ambient),
         "bulk_modulus_2": bulk_modulus(unit.oil, p2, air_2, par.ambient),
         "coulomb_friction": 0.5 * (coulomb_forward + coulomb_reverse) * film,
@@ -165,13 +170,3 @@ def truth_columns(
         "gas_temperature": own[:, GAS] * (par.surroundings + 273.15) - 273.15,
     }
     return {name: f[:, _FOUND[name]] if name in _FOUND else computed[name] for name in TRUTH}
-
-
-def _secant(rows: Array, found: Array, width: Array) -> Array | float:
-    """Leakage coefficient of the turbulent part: its flow over the present pressure, (n,); laminar up to
-    `width` (Pa)."""
-    gain = rows[:, c.CROSS_ORIFICE]
-    if not gain.any():
-        return 0.0
-    drop = found[:, PORT_DIFFERENCE]
-    return np.asarray(gain * 1e-3 / np.sqrt(np.sqrt(drop * drop + width * width)))

@@ -231,7 +231,7 @@ ZEROS = np.zeros(TIME.size)
 
 
 def rows_of(scenario: Scenario, axis: int = 1) -> np.ndarray:
-    return axis_conditions(AXIS_A, scenario, TIME, ZEROS, ZEROS, axis=axis).rows
+    return axis_conditions(AXIS_A, scenario, TIME, ZEROS, ZEROS, axis=axis)[0]
 
 
 def changed_by(circuit: Circuit) -> np.ndarray:

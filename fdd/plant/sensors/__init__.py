@@ -249,7 +249,11 @@ class Recorder:
         if "command" in truth:
             columns["command"] = range_of(self.unit.sensor("command")).digitise(truth["command"])
         for channel, sensor in self._sensors.items():
-            columns[channel] = self._one(channel, sensor, truth, time)
+            there = np.ascontiguousarray(truth[channel], dtype=np.float64)
+            value = sensor.observe(there, time, truth["pump_angle"])
+            for effect in self._faults.get(channel, ()):
+                value = effect.distort(value, there, time, self.row)
+            columns[channel] = sensor.range.digitise(value)
             if channel == "pump_angle":
                 counted = self.recording.speed == "counts"
                 speed = self._count_difference(columns[channel]) if counted else truth["pump_speed"]
@@ -274,14 +278,6 @@ class Recorder:
             kept = kept & (np.arange(self.row, self.row + time.size) % self.recording.keeps_every == 0)
         self.row += time.size
         return Rows(stamps, columns, kept)
-
-    def _one(self, channel: str, sensor: ChannelSensor, truth: Mapping[str, Array], time: Array) -> Array:
-        """One channel before what is lost of it."""
-        there = np.ascontiguousarray(truth[channel], dtype=np.float64)
-        value = sensor.observe(there, time, truth["pump_angle"])
-        for effect in self._faults.get(channel, ()):
-            value = effect.distort(value, there, time, self.row)
-        return sensor.range.digitise(value)
 
     def _count_difference(self, angle: Array) -> Array:
         """Counts since the last sample over a nominal period: a late row shows too much speed."""
