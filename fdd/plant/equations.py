@@ -14,7 +14,7 @@ from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.details import DAHL, ELASTOPLASTIC, SMOOTH
-from fdd.plant.hydraulics import hydraulic_rates, orifice
+from fdd.plant.hydraulics import hydraulic_rates, orifice, past_band
 from fdd.plant.oil import oil_at
 
 _WORN_LENGTH = 0.25
@@ -101,13 +101,7 @@ def drive_rates(
     doi:10.1243/PIME_PROC_1984_198_062_02).
     """
     speed, integrator, current = y[s.SPEED], y[s.DRIVE], y[s.CURRENT]
-    # Dead band of the command's input (Table 6.1).
-    if command > par.command_dead_band:
-        command -= par.command_dead_band
-    elif command < -par.command_dead_band:
-        command += par.command_dead_band
-    else:
-        command = 0.0
+    command = past_band(command, par.command_dead_band)  # of its input (Table 6.1)
     # Accelerations that the loop asks for; it knows the healthy motor's constants and viscous friction.
     wanted = integrator - par.loop_gain * speed + par.loop_feed * command
     demand = (par.inertia * wanted + par.rotary_viscous * speed) / par.torque_constant
@@ -174,9 +168,7 @@ def axis_rates(
 @njit(error_model="numpy", inline="always")
 def load_spring(x: float, par: Constants) -> float:
     """Force of the load's spring (N): through a hinge's play, and of a press only where it touches."""
-    reach = x - par.spring_centre
-    if par.spring_play > 0.0:
-        reach = max(reach - par.spring_play, 0.0) + min(reach + par.spring_play, 0.0)
+    reach = past_band(x - par.spring_centre, par.spring_play)
     if par.one_sided > 0.0:
         reach = max(reach, 0.0)
     return par.spring * reach

@@ -48,6 +48,12 @@ def opening(excess: float, width: float) -> float:
 
 
 @njit(error_model="numpy", inline="always")
+def past_band(value: float, band: float) -> float:
+    """What of a value lies beyond ± `band`, with its sign: through a play or a dead band."""
+    return max(value - band, 0.0) + min(value + band, 0.0)
+
+
+@njit(error_model="numpy", inline="always")
 def orifice(drop: float, flow_at_1_mpa: float, transition: float) -> float:
     """Signed flow through an orifice, laminar below the transition: k·Δp/(Δp² + Δp_tr²)^¼.
 
@@ -69,13 +75,13 @@ def lift_rate(
     drop = inner - own
     rest, held = 0.0, 0.0
     if drop > 1.0:
-        beyond = drop - par.refeed_cracking - crack
-        rest = opening(beyond, par.check_width) / drop
+        excess = drop - par.refeed_cracking - crack
+        rest = opening(excess, par.check_width) / drop
         if lift > rest:
-            held = opening(beyond + par.check_hysteresis, par.check_width) / drop
+            held = opening(excess + par.check_hysteresis, par.check_width) / drop
     if par.pilot_ratio > 0.0:
-        beyond = opening(par.pilot_ratio * (other - inner) + drop - par.pilot_cracking, par.check_width)
-        rest = max(rest, min(beyond / par.pilot_band, 1.0))
+        excess = opening(par.pilot_ratio * (other - inner) + drop - par.pilot_cracking, par.check_width)
+        rest = max(rest, min(excess / par.pilot_band, 1.0))
     if lift > rest:
         if stick > 0.0 and -drop < stick:
             return 0.0
@@ -98,8 +104,7 @@ def coupling_slip(y: Array, torque: float, now: Array, par: Constants, dy: Array
     """
     gap, slip = y[s.GAP], 0.0
     if now[c.PLAY] > 0.0 or gap != 0.0:
-        half = 0.5 * now[c.PLAY]
-        excess = max(gap - half, 0.0) + min(gap + half, 0.0)
+        excess = past_band(gap, 0.5 * now[c.PLAY])
         slip = (torque - par.coupling_stiffness * excess) / par.coupling_damping
     dy[s.GAP] = slip
     return slip
