@@ -42,10 +42,8 @@ direction."""
     CASE_PRESSURE, PORT_DIFFERENCE, MOTOR_TORQUE, LOSSES, OIL_MASS, STORED_OIL,
 ) = range(21)  # fmt: skip
 FINDINGS = 21
-"""Of each axis: forces (N), flows (m³/s; refeeding, drain, outside and connecting ones at the density that
-oil is counted at), pressures of accumulator and case (Pa, gauge) and across the pump's ports (Pa), torque of
-the motor on its shaft (N·m), power turned into heat in the oil (W), all the oil inside and lost (m³ at gauge
-zero and the reference temperature), oil in the accumulator (m³ as it is; negative where it is empty)."""
+"""Of each axis, with the units and meanings of `TRUTH`; its atmospheric density is that at gauge zero and the
+reference temperature, by which oil is counted."""
 
 TRUTH: dict[str, tuple[str, str]] = {
     "leakage": ("m^3/(s*Pa)", "L_T = C_ep/2 + ξ at present viscosity, speed, pressure and faults (eq. 3.50)"),
