@@ -13,7 +13,7 @@ import estimators
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.identification.identify import identify_unit
 from fdd.logs import read_log
-from fdd.plant.faults.spec import parse_fault
+from fdd.plant.faults import parse_fault
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.unit import Unit

@@ -22,7 +22,7 @@ from fdd.faults import CATALOGUE, Fault
 from fdd.faults import _problem as problem_of
 from fdd.logs.formats import Format
 from fdd.plant.details import Details
-from fdd.plant.faults.injection import PARAMETERS
+from fdd.plant.faults import PARAMETERS
 from fdd.residuals.added_tracker import TAKEN, Tracker
 from fdd.residuals.balances import BALANCES
 from fdd.samples import CHANNELS

@@ -19,8 +19,7 @@ from fdd.faults import CATALOGUE, Effect, Fault, Figure, Signature
 from fdd.packages import FAULTS, Addition
 from fdd.plant import conditions as c
 from fdd.plant.details import Details
-from fdd.plant.faults.injection import inject
-from fdd.plant.faults.spec import FaultScales, FaultSpec
+from fdd.plant.faults import FaultScales, FaultSpec, inject
 from fdd.unit import Unit
 from tests.refusal import refused
 
@@ -113,7 +112,7 @@ def in_the_catalogue(monkeypatch: pytest.MonkeyPatch, entry: Fault) -> None:
 )
 def test_an_effect_on_what_the_plant_does_not_have_is_refused(monkeypatch, effect, problem) -> None:
     in_the_catalogue(monkeypatch, replace(GOOD, effects=(effect,)))
-    monkeypatch.setattr("fdd.plant.faults.injection.PLANT_FAULTS", ("made_up",))
+    monkeypatch.setattr("fdd.plant.faults.PLANT_FAULTS", ("made_up",))
     time = np.zeros(1)
     rows = c.healthy_conditions(UNIT, time, time)
     spec = FaultSpec(fault="made_up", severity=1.0)

@@ -21,7 +21,7 @@ from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError, input_error
 from fdd.files import sha256_of
 from fdd.logs import read_log
-from fdd.plant.truth import TRUTH, Truth
+from fdd.plant.state import TRUTH, Truth
 from fdd.samples import Samples
 from fdd.unit import Unit
 from fdd.yaml_reading import yaml_text

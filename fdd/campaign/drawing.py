@@ -20,7 +20,7 @@ from fdd.campaign.sizes import NEUTRAL, Scale
 from fdd.campaign.structures import Condition, Departure, Structure
 from fdd.plant.details import Details
 from fdd.plant.duty import AnyDuty, ConstantSpeed, Sines
-from fdd.plant.load import AnyLoad, NoLoad, ThrottleLoad
+from fdd.plant.rig import AnyLoad, NoLoad, ThrottleLoad
 from fdd.plant.scenario import Control, Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.unit import Cylinder, Section, Unit

@@ -31,7 +31,7 @@ from fdd.errors import InputError
 from fdd.files import whole_file, write_text, written
 from fdd.logs.mcap_writing import write_run
 from fdd.plant.scenario import Scenario
-from fdd.plant.sensors import struck_channel
+from fdd.plant.sensors.faults import struck_channel
 from fdd.plant.simulate import Simulation, simulate
 from fdd.samples import Samples
 from fdd.unit import Unit

@@ -12,8 +12,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from fdd.plant.sensors import KNOWN, Recording
-from fdd.plant.validated import Validated
+from fdd.plant import Validated
+from fdd.plant.sensors import KNOWN
+from fdd.plant.sensors.recording import Recording
 from fdd.samples import PRESSURES, Samples
 from fdd.unit import Unit
 
@@ -82,7 +83,7 @@ class Entry(Validated):
     file, truth : paths below the data set's folder.
     base : profile that its unit was varied from.
     structure, condition : of the recipe; empty where it has none.
-    fault_scales : figures of severity 1, see `fdd.plant.faults.spec.FaultScales`; empty without structures.
+    fault_scales : figures of severity 1, see `fdd.plant.faults.FaultScales`; empty without structures.
     truth_medians : true leakage (m³/(s·Pa)), bulk modulus (Pa), Coulomb (N) and viscous friction
         (N·s/m): medians while all faults act, or over the log if healthy.
     twin : path of the same log without its faults; None for a healthy log, or where none was made.

@@ -19,11 +19,11 @@ from fdd.campaign.population import Range, Share, Weight, within
 from fdd.campaign.structures import Condition, Structure
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
+from fdd.plant import Validated
 from fdd.plant.duty import DUTIES
-from fdd.plant.faults.spec import SIMULATED, FaultScales
-from fdd.plant.load import LOADS
+from fdd.plant.faults import SIMULATED, FaultScales
+from fdd.plant.rig import LOADS
 from fdd.plant.scenario import Recording
-from fdd.plant.validated import Validated
 from fdd.yaml_reading import yaml_mapping, yaml_of, yaml_text
 
 RECIPE_SCHEMA = "fdd.recipe/1"

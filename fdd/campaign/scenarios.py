@@ -15,11 +15,10 @@ from fdd.campaign.recipe import Recipe
 from fdd.campaign.sizes import NEUTRAL, Scale
 from fdd.campaign.structures import EQUAL
 from fdd.faults import CATALOGUE
+from fdd.plant import Programme
 from fdd.plant.duty import DUTIES, ConstantSpeed, Duty, Mission
-from fdd.plant.faults.injection import STATE_BORNE
-from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.plant.load import LOADS, ChangingLoad, Load
-from fdd.plant.programme import Programme
+from fdd.plant.faults import STATE_BORNE, FaultScales, FaultSpec
+from fdd.plant.rig import LOADS, ChangingLoad, Load
 from fdd.plant.scenario import Control, Scenario
 from fdd.unit import Unit
 

@@ -18,10 +18,10 @@ import numpy as np
 from fdd.campaign.population import Range, Rng, log_uniform, uniform
 from fdd.data_sheet.accumulator import accumulator_volumes
 from fdd.faults import CATALOGUE
+from fdd.plant import Validated
 from fdd.plant.details import Details
-from fdd.plant.faults.spec import FaultScales
+from fdd.plant.faults import FaultScales
 from fdd.plant.oil import air_compliance
-from fdd.plant.validated import Validated
 from fdd.sensor import CurrentLoop, Sensor
 from fdd.unit import Section, Unit
 

@@ -9,9 +9,9 @@ from pydantic import Field, ValidationError, model_validator
 from fdd.campaign.population import Range, Rng, Share, Weight, drawn, spread
 from fdd.campaign.sizes import OIL_TEMPERATURES, Size, sized_unit, with_accumulator
 from fdd.errors import InputError, input_error
+from fdd.plant import Validated
 from fdd.plant.details import Details
 from fdd.plant.sensors.recording import Recording
-from fdd.plant.validated import Validated
 from fdd.sensor import Sensor
 from fdd.unit import Unit
 

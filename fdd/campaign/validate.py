@@ -20,7 +20,7 @@ from fdd.diagnosis.pipeline import Pipeline
 from fdd.faults import fault
 from fdd.markdown import table
 from fdd.plant.oil import air_compliance
-from fdd.plant.truth import Truth
+from fdd.plant.state import Truth
 from fdd.unit import Unit
 
 HAD, NEVER, UNSIGNED = "law of signatures or training", "law it never saw", "fault without a signature"

@@ -111,7 +111,7 @@ def simulate(
 
     from fdd.cli.console import progress
     from fdd.plant.duty import Steps
-    from fdd.plant.faults.spec import parse_fault
+    from fdd.plant.faults import parse_fault
     from fdd.plant.scenario import Scenario, scenario_data
     from fdd.unit import Unit
 
@@ -153,9 +153,9 @@ def _section(data: Data, *names: str) -> Data:
 
 
 def _set_motion(data: Data, profile: str | None, load: str | None, control: str | None) -> None:
+    from fdd.plant import named, named_parameters
     from fdd.plant.duty import DUTIES
-    from fdd.plant.load import LOADS
-    from fdd.plant.validated import named, named_parameters
+    from fdd.plant.rig import LOADS
 
     if profile is not None:
         name, parameters = named_parameters(profile, "--profile")
@@ -170,7 +170,7 @@ def _set_motion(data: Data, profile: str | None, load: str | None, control: str 
 
 
 def _set_partner(data: Data, text: str) -> None:
-    from fdd.plant.validated import named_parameters
+    from fdd.plant import named_parameters
 
     name, parameters = named_parameters(text, "--partner")
     if odd := parameters.keys() - {"drive", "power"}:
@@ -182,7 +182,7 @@ def _set_partner(data: Data, text: str) -> None:
 def _set_valve(data: Data, text: str) -> None:
     """Take ``--valve connect_1=1``, ``throttle=0:0/5:1`` or, of the partner, ``b.throttle=0.5``; and
     the other numbers of a circuit, and those of its external accumulators, which connects them."""
-    from fdd.plant.circuit import Circuit, ExternalAccumulators
+    from fdd.plant.rig import Circuit, ExternalAccumulators
 
     where = f"--valve {text}"
     key, equals, value = (part.strip() for part in text.partition("="))

@@ -1,17 +1,6 @@
 """Check valve clogged: its chamber is not refed and cavitates."""
 
-from __future__ import annotations
-
-from functools import partial
-
-from fdd.faults.entry import DECADES, Columns, Effect, Fault, Figure, Healthy, Signature, each_side
-
-
-def _columns(side: int, unit: Healthy) -> Columns:
-    # Pressure below the accumulator's, measured or by its charge: vacuum is the most. A sensor's bias is no
-    # such drop: by charge only rows count that its own reading puts below it.
-    return {"refeed": {f"drop_{side}": 0.3 * unit.charge_ratio, f"low_{side}": 0.3}}
-
+from fdd.faults.entry import DECADES, Effect, Fault, Figure, each_side, side_signatures
 
 FAULT = Fault(
     id="check_valve_clogged", family="check_valve", rank=2, title="check valve clogged", thesis="Table 4.1",
@@ -37,5 +26,10 @@ FAULT = Fault(
         Effect("cracking_{side}", "add", "check_valve_cracking", laws=("cracking",)),
         Effect("refeed_{side}", "lower", 1.0, laws=("starved",)),
     ),
-    signatures=tuple(Signature(f"clogged {side}", partial(_columns, side), side=side) for side in (1, 2)),
+    # Pressure below the accumulator's, measured or by its charge: vacuum is the most. A sensor's bias is no
+    # such drop: by charge only rows count that its own reading puts below it.
+    signatures=side_signatures(
+        "clogged",
+        lambda side, unit: {"refeed": {f"drop_{side}": 0.3 * unit.charge_ratio, f"low_{side}": 0.3}},
+    ),
 )  # fmt: skip

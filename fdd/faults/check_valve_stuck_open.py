@@ -1,6 +1,6 @@
 """Check valve stuck open: one chamber stays connected to the inner circuit."""
 
-from fdd.faults.entry import ORIFICE_FLOW, Amount, Effect, Fault, Figure, Signature, each_side
+from fdd.faults.entry import ORIFICE_FLOW, Amount, Effect, Fault, Figure, each_side, side_signatures
 
 FAULT = Fault(
     id="check_valve_stuck_open", family="check_valve", rank=1, title="check valve stuck open",
@@ -26,8 +26,5 @@ FAULT = Fault(
         Effect("open_{side}", "add", "check_valve_flow", laws=("gap",)),
         Effect("sticking_{side}", "add", "check_valve_sticking", laws=("sticking",)),
     ),
-    signatures=(
-        Signature("valve 1", lambda unit: {"volume": {"valve_1": 1.0}}, side=1),
-        Signature("valve 2", lambda unit: {"volume": {"valve_2": 1.0}}, side=2),
-    ),
+    signatures=side_signatures("valve", lambda side, unit: {"volume": {f"valve_{side}": 1.0}}),
 )  # fmt: skip

@@ -1,19 +1,6 @@
 """Drive failure: the drive no longer follows its command."""
 
-from __future__ import annotations
-
-from fdd.faults.entry import ASSUMED, SHARE, Columns, Effect, Fault, Figure, Healthy, Signature
-
-
-def _dead(unit: Healthy) -> Columns:
-    return {"drive": {"gain": -unit.mean("drive", "gain")}}
-
-
-def _open_phase(unit: Healthy) -> Columns:
-    # Two phases of three give half the torque of the same current, on average.
-    loads = ("pressure", "inertia", "dry", "viscous", "mesh")
-    return {"torque": {name: unit.mean("torque", name) for name in loads}}
-
+from fdd.faults.entry import ASSUMED, SHARE, Effect, Fault, Figure, Signature, more_current
 
 FAULT = Fault(
     id="drive_failure", family="motor", rank=2, title="drive failure", thesis="Table 4.1",
@@ -34,7 +21,8 @@ FAULT = Fault(
         Effect("current_limit", "lower", "drive_current_loss", times=(0.5,), laws=("phase",)),
     ),
     signatures=(
-        Signature("dead drive", _dead),
-        Signature("open phase", _open_phase, commonness=0.3),
+        Signature("dead drive", lambda unit: {"drive": {"gain": -unit.mean("drive", "gain")}}),
+        # Two phases of three give half the torque of the same current, on average.
+        Signature("open phase", more_current(1.0), commonness=0.3),
     ),
 )  # fmt: skip

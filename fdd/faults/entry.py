@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal, Protocol
 
 FAMILIES = (
@@ -24,7 +25,7 @@ DECADES = (0.0, 9.0)
 
 @dataclass(frozen=True)
 class Figure:
-    """A number behind severity 1 that a user may override (`fdd.plant.faults.spec.FaultScales`).
+    """A number behind severity 1 that a user may override (`fdd.plant.faults.FaultScales`).
 
     Attributes
     ----------
@@ -178,6 +179,22 @@ class Signature:
     channel: str | None = None
     courses: tuple[str, ...] = ("step", "ramp")
     commonness: float = 1.0
+
+
+def side_signatures(
+    label: str, columns: Callable[[int, Healthy], Columns], law: str | None = None, commonness: float = 1.0
+) -> tuple[Signature, ...]:
+    """A signature of either side: from the side and the healthy unit to what changes."""
+    return tuple(
+        Signature(f"{label} {side}", partial(columns, side), side=side, law=law, commonness=commonness)
+        for side in (1, 2)
+    )
+
+
+def more_current(share: float) -> Callable[[Healthy], Columns]:
+    """Columns of a motor that takes so much more current for any torque, as a share of the healthy one."""
+    loads = ("pressure", "inertia", "dry", "viscous", "mesh")
+    return lambda unit: {"torque": {name: share * unit.mean("torque", name) for name in loads}}
 
 
 def zero_signatures(label: str, zero: float, course: str) -> tuple[Signature, ...]:

@@ -1,32 +1,6 @@
 """External leakage: from one chamber to the outside, through a loose fitting or a hose."""
 
-from __future__ import annotations
-
-from functools import partial
-
-from fdd.faults.entry import (
-    ASSUMED,
-    LEAKAGE,
-    Amount,
-    Columns,
-    Effect,
-    Fault,
-    Figure,
-    Healthy,
-    Signature,
-    each_side,
-)
-
-
-def _chamber(side: int, unit: Healthy) -> Columns:
-    # Half of severity 1 of internal leakage, from one chamber; the reservoir's columns have this unit.
-    return {"volume": {f"outside_{side}": 0.5 * unit.leakage_ratio}, "reservoir": {f"outside_{side}": 1.0}}
-
-
-def _hole(side: int, unit: Healthy) -> Columns:
-    # It looks like a check valve that stays open, of which 1e-4 m³/s is severity 1; but the oil is lost.
-    return {"volume": {f"valve_{side}": 0.06}, "reservoir": {f"outside_{side}": 1.0}}
-
+from fdd.faults.entry import ASSUMED, LEAKAGE, Amount, Effect, Fault, Figure, each_side, side_signatures
 
 FAULT = Fault(
     id="external_leakage", family="leakage", rank=2, title="external leakage", thesis="Table 4.1, 4.6.2",
@@ -51,13 +25,20 @@ FAULT = Fault(
     ),
     # Two of its three laws look laminar.
     signatures=(
-        *(
-            Signature(f"outside {side}", partial(_chamber, side), side=side, commonness=0.7)
-            for side in (1, 2)
+        # Half of severity 1 of internal leakage, from one chamber; the reservoir's columns have this unit.
+        *side_signatures(
+            "outside",
+            lambda side, unit: {
+                "volume": {f"outside_{side}": 0.5 * unit.leakage_ratio},
+                "reservoir": {f"outside_{side}": 1.0},
+            },
+            commonness=0.7,
         ),
-        *(
-            Signature(f"hole {side}", partial(_hole, side), side=side, law="orifice", commonness=0.3)
-            for side in (1, 2)
+        # It looks like a check valve that stays open, of which 1e-4 m³/s is severity 1; but the oil is lost.
+        *side_signatures(
+            "hole",
+            lambda side, unit: {"volume": {f"valve_{side}": 0.06}, "reservoir": {f"outside_{side}": 1.0}},
+            law="orifice", commonness=0.3,
         ),
     ),
 )  # fmt: skip

@@ -1,17 +1,9 @@
 """Motor degradation: a worn winding gives less torque for its current."""
 
-from __future__ import annotations
-
-from fdd.faults.entry import ASSUMED, SHARE, Columns, Effect, Fault, Figure, Healthy, Signature
+from fdd.faults.entry import ASSUMED, SHARE, Effect, Fault, Figure, Signature, more_current
 
 _MORE_CURRENT = 0.43
 """1/0.7 - 1: what the same torque takes, of a motor with 70 % of its torque constant."""
-
-
-def _columns(unit: Healthy) -> Columns:
-    loads = ("pressure", "inertia", "dry", "viscous", "mesh")
-    return {"torque": {name: _MORE_CURRENT * unit.mean("torque", name) for name in loads}}
-
 
 FAULT = Fault(
     id="motor_degradation", family="motor", rank=1, title="motor degradation", thesis="Table 4.1",
@@ -45,5 +37,5 @@ FAULT = Fault(
         Effect("braking", "add", "shorted_braking", laws=("shorted",)),
         Effect("phase", "add", "torque_loss", times=(2.0,), laws=("phase",)),
     ),
-    signatures=(Signature("motor", _columns),),
+    signatures=(Signature("motor", more_current(_MORE_CURRENT)),),
 )  # fmt: skip

@@ -1,7 +1,5 @@
 """Oil degradation: viscous friction and leakage change with viscosity."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from fdd.faults.entry import ASSUMED, Columns, Effect, Fault, Figure, Healthy, Signature

@@ -1,7 +1,5 @@
 """Actuator seal wear: the seals rub less or more, in both directions or in one."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Literal
 

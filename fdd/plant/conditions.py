@@ -94,8 +94,7 @@ def healthy_conditions(unit: Unit, setpoint: Array, force: Array) -> Array:
     row[CROSS_LEAKAGE] = unit.pump.cross_port_leakage
     row[[CASE_LEAKAGE_1, CASE_LEAKAGE_2]] = unit.pump.case_leakage
     row[[AIR_1, AIR_2]] = unit.oil.air_fraction
-    rows = np.empty((setpoint.size, COLUMNS))
-    rows[:] = row
+    rows = np.tile(row, (setpoint.size, 1))
     rows[:, SETPOINT] = setpoint
     rows[:, FORCE] = force
     return rows

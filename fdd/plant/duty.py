@@ -15,12 +15,7 @@ from pydantic import Field, model_validator
 from scipy.signal import butter, sosfilt
 
 from fdd.errors import InputError
-from fdd.plant import Array
-from fdd.plant.programme import AnyProgramme, Programme
-from fdd.plant.validated import Ranges, Validated
-
-TICK = 1e-3
-"""Period of the controller (s)."""
+from fdd.plant import PERIOD, AnyProgramme, Array, Programme, Ranges, Validated
 
 Seconds = Annotated[float, Field(gt=0.0, le=600.0)]
 Frequency = Annotated[float, Field(gt=0.0, le=100.0)]
@@ -58,7 +53,7 @@ class Duty(Validated):
 
     def moving(self, n: int) -> Array:
         """Seconds since the end of the rest, of those of n milliseconds that come after it."""
-        return np.arange(n - min(round(self.lead_in / TICK), n), dtype=np.float64) * TICK
+        return np.arange(n - min(round(self.lead_in / PERIOD), n), dtype=np.float64) * PERIOD
 
 
 class Standstill(Duty):
@@ -130,7 +125,7 @@ class Prbs(Duty):
     bit: Seconds = 0.2
 
     def shape(self, time: Array, rng: np.random.Generator) -> Array:
-        bits = rng.integers(0, 2, int(time.size * TICK / self.bit) + 1).astype(np.float64) * 2.0 - 1.0
+        bits = rng.integers(0, 2, int(time.size * PERIOD / self.bit) + 1).astype(np.float64) * 2.0 - 1.0
         return bits[np.minimum((time / self.bit).astype(np.int64), bits.size - 1)]
 
 
@@ -182,10 +177,10 @@ class Flight(Duty):
         if time.size == 0:
             return np.zeros(0)
         held = _held(time, self.hold, rng, lambda k: np.clip(0.4 * rng.standard_normal(k), -0.8, 0.8))
-        held = np.asarray(sosfilt(butter(2, 1.5, fs=1.0 / TICK, output="sos"), held))
-        low_pass = butter(2, self.bandwidth_hz, fs=1.0 / TICK, output="sos")
+        held = np.asarray(sosfilt(butter(2, 1.5, fs=1.0 / PERIOD, output="sos"), held))
+        low_pass = butter(2, self.bandwidth_hz, fs=1.0 / PERIOD, output="sos")
         noise = sosfilt(low_pass, rng.standard_normal(time.size))
-        noise = noise / np.sqrt(1.1107 * self.bandwidth_hz * 2.0 * TICK)
+        noise = noise / np.sqrt(1.1107 * self.bandwidth_hz * 2.0 * PERIOD)
         return np.clip(held + self.corrections * noise, -1.0, 1.0)
 
 
@@ -214,7 +209,7 @@ class ConstantSpeed(Duty):
     dwell: Annotated[float, Field(ge=0.0, le=60.0)] = 0.5
 
     def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
-        time = np.arange(n) * TICK - self.lead_in
+        time = np.arange(n) * PERIOD - self.lead_in
         levels = np.array(self.speeds)
         which = np.mod((np.maximum(time, 0.0) / self.turn).astype(np.int64), levels.size)
         return np.where(time >= 0.0, levels[which], 0.0)
@@ -255,7 +250,7 @@ class OneWay(Duty):
 
     def _corners(self, time: Array) -> tuple[Array, Array]:
         """Corners of the position's shape: slowly to where the strokes begin, then strokes."""
-        count = int((time.size + 1) * TICK / (self.out + self.back)) + 2
+        count = int((time.size + 1) * PERIOD / (self.out + self.back)) + 2
         lengths = [0.5 * self.back, *([self.dwell, self.out, self.dwell, self.back] * count)]
         levels = [0.0, -1.0, *([-1.0, 1.0, 1.0, -1.0] * count)]
         sign = -1.0 if self.reverse else 1.0
@@ -302,7 +297,7 @@ class Levels(Duty):
         else:
             times, values = np.array(self.points.points).T
             # Half a tick of grace: 0.3 s is the 300th millisecond, whatever the rounding.
-            before = np.searchsorted(times, time + 0.5 * TICK, side="right") - 1
+            before = np.searchsorted(times, time + 0.5 * PERIOD, side="right") - 1
             levels = values[np.maximum(before, 0)]
         return np.concatenate([np.zeros(n - time.size), levels]) + (self.offset if position else 0.0)
 
@@ -355,13 +350,12 @@ class Mission(Duty):
     @model_validator(mode="after")
     def _timed(self) -> Mission:
         if len(self.stages) != len(self.seconds):
-            raise InputError(
-                f"{len(self.stages)} stages, {len(self.seconds)} times", mend="give each stage its seconds"
-            )
+            problem = f"{len(self.stages)} stages, {len(self.seconds)} times"
+            raise InputError(problem, mend="give each stage its seconds")
         return self
 
     def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
-        ends = np.minimum(np.round(np.cumsum(self.seconds) / TICK).astype(np.int64), n)
+        ends = np.minimum(np.round(np.cumsum(self.seconds) / PERIOD).astype(np.int64), n)
         ends[-1] = n
         lengths = np.diff(ends, prepend=0)
         parts = [s.setpoint(int(k), position, rng) for s, k in zip(self.stages, lengths, strict=True)]
@@ -370,7 +364,7 @@ class Mission(Duty):
 
 def _held(time: Array, hold: float, rng: np.random.Generator, draw: Callable[[int], Array]) -> Array:
     """Levels that `draw(k)` gives, each held for 0.5 to 1.5 of `hold`."""
-    count = int(time.size * TICK / (0.5 * hold)) + 2
+    count = int(time.size * PERIOD / (0.5 * hold)) + 2
     edges = np.cumsum(rng.uniform(0.5, 1.5, count) * hold)
     levels = draw(count)
     return np.asarray(levels[np.searchsorted(edges, time, side="right").clip(max=count - 1)])

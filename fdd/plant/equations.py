@@ -1,4 +1,4 @@
-"""The plant's right-hand side: seals, servomotor and rod of one axis, or of two on one rod, compiled.
+"""The plant's right-hand side: seals, servomotor, gas and rod of one axis, or of two on one rod, compiled.
 
 Each axis has its own hydraulics, drive and seal friction; piston position and velocity are shared, since the
 cylinders are joined at the shaft (section 4.5), and connect valves may join the lines (section 4.6.6).
@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 
-from fdd.plant import Array
+from fdd.plant import Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
-from fdd.plant.hydraulics import gas_rate, hydraulic_rates
-from fdd.plant.laws import oil_at, orifice, store_pressure
-from fdd.plant.parameters import DAHL, ELASTOPLASTIC, SMOOTH, Constants
+from fdd.plant.details import DAHL, ELASTOPLASTIC, SMOOTH
+from fdd.plant.hydraulics import hydraulic_rates, orifice, past_band
+from fdd.plant.oil import oil_at
 
 _WORN_LENGTH = 0.25
 """Of the half stroke: how far from mid-stroke a seal's running-in track is felt (1/e of its change)."""
@@ -77,17 +77,13 @@ def friction_rates(y: Array, x: float, v: float, now: Array, par: Constants, dy:
     dz = v - slip
     dy[s.Z] = dz
     dy[s.MEMORY] = (slip - memory) * par.friction_rate
-    fade = par.bristle_fade * par.bristle_fade
     resisting = par.seal_damping * (v - memory)
     if law != ELASTOPLASTIC:
         dy[s.MEMORY] = 0.0
         resisting = 0.0
-    return (
-        par.bristle_stiffness * z
-        + par.bristle_damping * fade / (fade + v * v) * dz
-        + resisting
-        + now[c.VISCOUS] * viscous * v
-    )
+    fade = par.bristle_fade * par.bristle_fade
+    bristle = par.bristle_stiffness * z + par.bristle_damping * fade / (fade + v * v) * dz
+    return bristle + resisting + now[c.VISCOUS] * viscous * v
 
 
 @njit(error_model="numpy", inline="always")
@@ -105,13 +101,7 @@ def drive_rates(
     doi:10.1243/PIME_PROC_1984_198_062_02).
     """
     speed, integrator, current = y[s.SPEED], y[s.DRIVE], y[s.CURRENT]
-    # Dead band of the command's input (Table 6.1).
-    if command > par.command_dead_band:
-        command -= par.command_dead_band
-    elif command < -par.command_dead_band:
-        command += par.command_dead_band
-    else:
-        command = 0.0
+    command = past_band(command, par.command_dead_band)  # of its input (Table 6.1)
     # Accelerations that the loop asks for; it knows the healthy motor's constants and viscous friction.
     wanted = integrator - par.loop_gain * speed + par.loop_feed * command
     demand = (par.inertia * wanted + par.rotary_viscous * speed) / par.torque_constant
@@ -178,9 +168,7 @@ def axis_rates(
 @njit(error_model="numpy", inline="always")
 def load_spring(x: float, par: Constants) -> float:
     """Force of the load's spring (N): through a hinge's play, and of a press only where it touches."""
-    reach = x - par.spring_centre
-    if par.spring_play > 0.0:
-        reach = max(reach - par.spring_play, 0.0) + min(reach + par.spring_play, 0.0)
+    reach = past_band(x - par.spring_centre, par.spring_play)
     if par.one_sided > 0.0:
         reach = max(reach, 0.0)
     return par.spring * reach
@@ -202,6 +190,42 @@ def end_stop(x: float, v: float, par: Constants) -> float:
     elif x < -par.half_stroke:
         force += min(par.stop_stiffness * (x + par.half_stroke) * (1.0 - par.stop_damping * v), 0.0)
     return force
+
+
+@njit(error_model="numpy", inline="always")
+def store_pressure(oil: float, heat: float, par: Constants) -> float:
+    """Gauge pressure (Pa) of the accumulator and the inner circuit around it.
+
+    Gas on its separator (eq. 3.19) while that floats. At its stop on the oil's side the accumulator is empty:
+    the pressure falls with what little gas the inner circuit's own oil holds. At the other one the inner
+    circuit's oil alone gives.
+
+    Of the `oil` held (m³; negative is what the inner circuit lacks) and the gas's absolute temperature over
+    that at rest.
+    """
+    if oil < 0.0:
+        left = par.gallery_gas / (par.gallery_gas - oil)
+        return par.gas_pressure * par.gas_volume / par.shell_volume * heat * left - par.ambient
+    held = min(oil, par.full)
+    gas = par.gas_pressure * par.gas_volume * heat / (par.shell_volume - held)
+    return gas - par.ambient + (oil - held) * par.full_stiffness
+
+
+@njit(error_model="numpy", inline="always")
+def gas_rate(y: Array, pa: float, now: Array, par: Constants, dy: Array) -> None:
+    """Fill the rate (1/s) of the accumulator gas's temperature over that at rest, once all that goes into its
+    oil is known.
+
+    An ideal diatomic gas that gives its heat to the shell with one time constant (Pourmovahed and Otis,
+    doi:10.1115/1.2894128): quick changes are adiabatic, slow ones isothermal. The shell takes a share of the
+    oil's warming. `pa` (Pa, gauge) is the gas's pressure.
+    """
+    specific = now[c.STORE_SPECIFIC]
+    warm = y[s.TEMPERATURE] - par.surroundings
+    work = 0.0
+    if 0.0 < y[s.STORE] * specific < par.full:
+        work = (pa + par.ambient) * (dy[s.STORE] * specific) * par.gas_work
+    dy[s.GAS] = work - (y[s.GAS] - 1.0 - par.gas_warming * warm) * par.gas_rate
 
 
 # Its arrays are borrowed: without counting references to them (_nrt) it takes a quarter less time.

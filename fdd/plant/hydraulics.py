@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import math
 
-from fdd.plant import Array
+from fdd.plant import Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
-from fdd.plant.laws import lift_rate, oil_at, opening, orifice, poppet, settled_air
-from fdd.plant.parameters import Constants
+from fdd.plant.oil import oil_at, settled_air
 
 _STARVED = 20e3
 """Pa, absolute: inlet pressure below which the pump no longer fills. Without it a pump that is not refed
@@ -34,6 +33,69 @@ _EMPTY = 1e-8
 
 
 @njit(error_model="numpy", inline="always")
+def opening(excess: float, width: float) -> float:
+    """Excess of pressure over a valve's setting, with a smooth start.
+
+    The polynomial of fourth degree that leaves zero at -width and meets `excess` at +width with equal
+    slope and curvature: a closed valve is exactly closed, unlike a softplus.
+    """
+    if excess >= width:
+        return excess
+    if excess <= -width:
+        return 0.0
+    u = excess / width
+    return width * (0.1875 + u * (0.5 + u * (0.375 - 0.0625 * u * u)))
+
+
+@njit(error_model="numpy", inline="always")
+def past_band(value: float, band: float) -> float:
+    """What of a value lies beyond ± `band`, with its sign: through a play or a dead band."""
+    return max(value - band, 0.0) + min(value + band, 0.0)
+
+
+@njit(error_model="numpy", inline="always")
+def orifice(drop: float, flow_at_1_mpa: float, transition: float) -> float:
+    """Signed flow through an orifice, laminar below the transition: k·Δp/(Δp² + Δp_tr²)^¼.
+
+    Ellman and Piché's two-regime idea (doi:10.1115/1.2802540) in one smooth formula.
+    """
+    return flow_at_1_mpa * 1e-3 * drop / math.sqrt(math.sqrt(drop * drop + transition * transition))
+
+
+@njit(error_model="numpy", inline="always")
+def lift_rate(
+    own: float, other: float, inner: float, lift: float, crack: float, stick: float, par: Constants
+) -> float:
+    """Rate (1/s) of a refeeding valve's poppet, towards the lift at which its spring or pilot lets it rest.
+
+    Friction holds a raised poppet until the pressure falls by the hysteresis. A pilot of area ratio r lifts
+    it off its seat once the other chamber's pressure beats its own, fully over a band. A poppet that sticks
+    does not shut before its own chamber presses on it with `stick`.
+    """
+    drop = inner - own
+    rest, held = 0.0, 0.0
+    if drop > 1.0:
+        excess = drop - par.refeed_cracking - crack
+        rest = opening(excess, par.check_width) / drop
+        if lift > rest:
+            held = opening(excess + par.check_hysteresis, par.check_width) / drop
+    if par.pilot_ratio > 0.0:
+        excess = opening(par.pilot_ratio * (other - inner) + drop - par.pilot_cracking, par.check_width)
+        rest = max(rest, min(excess / par.pilot_band, 1.0))
+    if lift > rest:
+        if stick > 0.0 and -drop < stick:
+            return 0.0
+        return min(max(rest, held) - lift, 0.0) * par.check_rate
+    return (rest - lift) * par.check_rate
+
+
+@njit(error_model="numpy", inline="always")
+def poppet(drop: float, gain: float, knee: float) -> float:
+    """Signed flow through an open poppet valve: linear with that gain, a square root beyond the knee."""
+    return gain * drop / math.sqrt(1.0 + abs(drop) / knee)
+
+
+@njit(error_model="numpy", inline="always")
 def coupling_slip(y: Array, torque: float, now: Array, par: Constants, dy: Array) -> float:
     """Speed that the pump falls behind the motor's (rad/s), also as the rate of the gap.
 
@@ -42,8 +104,7 @@ def coupling_slip(y: Array, torque: float, now: Array, par: Constants, dy: Array
     """
     gap, slip = y[s.GAP], 0.0
     if now[c.PLAY] > 0.0 or gap != 0.0:
-        half = 0.5 * now[c.PLAY]
-        excess = max(gap - half, 0.0) + min(gap + half, 0.0)
+        excess = past_band(gap, 0.5 * now[c.PLAY])
         slip = (torque - par.coupling_stiffness * excess) / par.coupling_damping
     dy[s.GAP] = slip
     return slip
@@ -266,20 +327,3 @@ def hydraulic_rates(
     heat += (leak_a * (line_a - pa) + leak_b * (line_b - pa)) / rho
     # The torque pulses and swings as the flow does: a pump that gave more than it takes would make energy.
     return lever * dp, heat, swell_1 * give_1, swell_2 * give_2, swell_a * give_a, swell_b * give_b
-
-
-@njit(error_model="numpy", inline="always")
-def gas_rate(y: Array, pa: float, now: Array, par: Constants, dy: Array) -> None:
-    """Fill the rate (1/s) of the accumulator gas's temperature over that at rest, once all that goes into its
-    oil is known.
-
-    An ideal diatomic gas that gives its heat to the shell with one time constant (Pourmovahed and Otis,
-    doi:10.1115/1.2894128): quick changes are adiabatic, slow ones isothermal. The shell takes a share of the
-    oil's warming. `pa` (Pa, gauge) is the gas's pressure.
-    """
-    specific = now[c.STORE_SPECIFIC]
-    warm = y[s.TEMPERATURE] - par.surroundings
-    work = 0.0
-    if 0.0 < y[s.STORE] * specific < par.full:
-        work = (pa + par.ambient) * (dy[s.STORE] * specific) * par.gas_work
-    dy[s.GAS] = work - (y[s.GAS] - 1.0 - par.gas_warming * warm) * par.gas_rate

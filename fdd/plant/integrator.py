@@ -11,17 +11,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.plant import Array
+from fdd.plant import PERIOD, Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
-from fdd.plant.laws import oil_at, settled_air, walther
-from fdd.plant.parameters import Constants
+from fdd.plant.oil import oil_at, settled_air, walther
 from fdd.plant.steps import STAGES, advance
 
-PERIOD = 1e-3
-"""s, of controller and recording."""
 LATE_PARTS = 10
 """Parts of a sample's period in which its lateness is counted."""
 
@@ -29,7 +26,6 @@ POSITION, SPEED_COMMAND, SHUTTLE = 0, 1, 2
 """Modes of the controller: position loop, open speed command, constant speed between two positions."""
 SAME, STILL, OWN = 0, 1, 2
 """What the second axis's drive follows: the first's command, rest, a set-point of its own."""
-
 
 OWN_MEMORIES = 9
 (_DIRECTION, _REST, _LENGTH, _U1, _U2, _Y1, _Y2, _SEEN, STEPS) = range(OWN_MEMORIES)
@@ -130,8 +126,7 @@ def exchange_air(y: Array, o: int, row: Array, memory: Array, at: int, par: Cons
 @njit(error_model="numpy")
 def protect(now: Array, axis: int, current: float, memory: Array, at: int, par: Constants) -> None:
     """The drive's I²t protection over a millisecond, in place: a hot winding is given less current."""
-    heat = memory[at + _HEAT]
-    bears = par.continuous_current
+    heat, bears = memory[at + _HEAT], par.continuous_current
     heat += PERIOD * par.winding_rate * (current * current / (bears * bears) - heat)
     memory[at + _HEAT] = heat
     if heat > 1.0 and par.current_limit > bears:
@@ -145,20 +140,16 @@ def take_row(
     memory: Array, par: Constants, now: Array,
 ) -> None:  # fmt: skip
     """Fill an axis's row of `now` with what acts in millisecond t: arguments as of `run`."""
-    o, at = s.SHARED + axis * s.AXIS_STATES, OWN_MEMORIES + axis * _EACH
+    o, at, row = s.SHARED + axis * s.AXIS_STATES, OWN_MEMORIES + axis * _EACH, conditions[t, axis]
     if by_load.size > 0:
         load = abs(y[o + s.P1] - y[o + s.P2]) / (_LOADED * par.relief_pressure)
-        blend(conditions[t, axis], by_load[t, axis], c.BY_LOAD, load)
+        blend(row, by_load[t, axis], c.BY_LOAD, load)
     if by_heat.size > 0:
-        warmer = (y[o + s.TEMPERATURE] - par.surroundings) / _HEATED
-        blend(conditions[t, axis], by_heat[t, axis], c.BY_HEAT, warmer)
-    now[axis] = conditions[t, axis]
-    if (
-        now[axis, c.AIR_1] != memory[at + _AIR_1]
-        or now[axis, c.AIR_2] != memory[at + _AIR_2]
-        or now[axis, c.VAPOUR] != memory[at + _VAPOUR]
-    ):
-        exchange_air(y, o, conditions[t, axis], memory, at, par)
+        blend(row, by_heat[t, axis], c.BY_HEAT, (y[o + s.TEMPERATURE] - par.surroundings) / _HEATED)
+    now[axis] = row
+    held = memory[at + _AIR_1], memory[at + _AIR_2], memory[at + _VAPOUR]
+    if (row[c.AIR_1], row[c.AIR_2], row[c.VAPOUR]) != held:
+        exchange_air(y, o, row, memory, at, par)
     protect(now, axis, y[o + s.CURRENT], memory, at, par)
     thin(now, axis, y[o + s.TEMPERATURE], viscosity, memory, at, par)
 

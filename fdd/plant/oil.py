@@ -1,7 +1,7 @@
-"""The oil: viscosity over temperature, compressibility over pressure with free air in it.
+"""The oil: viscosity over temperature, compressibility over pressure with free air and vapour in it.
 
-Pressures are gauge unless a name says absolute. All functions take and give
-scalars or arrays of one shape.
+Pressures are gauge unless a name says absolute. Compiled functions take numbers, the others scalars or
+arrays of one shape.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fdd.errors import InputError
-from fdd.plant import Array
+from fdd.plant import Array, Constants
+from fdd.plant.compiled import njit
 from fdd.unit import Oil
 
 ATMOSPHERE = 101_325.0
@@ -37,6 +38,7 @@ VAPOUR_FELT = 0.01
 WALTHER_SHIFT = 0.7
 """cSt, of ASTM D341."""
 KELVIN = 273.15
+_LEAST_ABSOLUTE = 1.0  # Pa; guards the power law within a step, gas and vapour keep the state above
 
 
 def walther_line(oil: Oil) -> tuple[float, float, float]:
@@ -52,6 +54,13 @@ def walther_line(oil: Oil) -> tuple[float, float, float]:
     intercept = cold - slope * low
     inner = intercept + slope * math.log10(oil.reference_temperature + KELVIN)
     return intercept, slope, 10.0 ** (10.0**inner) - WALTHER_SHIFT
+
+
+@njit(error_model="numpy", inline="always")
+def walther(temperature: float, intercept: float, slope: float) -> float:
+    """Kinematic viscosity (cSt) at a temperature (°C), ASTM D341: log10 log10(ν + 0.7) = a + b·log10 T."""
+    inner = intercept + slope * math.log10(temperature + KELVIN)
+    return math.pow(10.0, math.pow(10.0, inner)) - WALTHER_SHIFT
 
 
 def viscosity(oil: Oil, temperature: ArrayLike) -> Array:
@@ -107,3 +116,43 @@ def bulk_modulus(
     air = np.asarray(oil.air_fraction if air_fraction is None else air_fraction, dtype=np.float64)
     compliance = air_compliance(pressure, oil.polytropic_index, ambient)
     return np.asarray(1.0 / (1.0 / stiff_bulk_modulus(oil) + air * compliance))
+
+
+@njit(error_model="numpy", inline="always")
+def oil_at(
+    pressure: float, free: float, warm: float, vapour: float, par: Constants
+) -> tuple[float, float, float, float]:
+    """Oil with free air and vapour in it, from its density ρ(p, T) over that of pure oil at gauge zero.
+
+    ``ln ρ = s(T)·p - α·ΔT - free·g - w``: the stiff compliance s grows with heat, g is a polytropic gas's
+    volume over that at atmospheric pressure (eqs 5.20 and 5.21) and at the oil's own temperature, w the
+    vapour's volume, a power law that keeps the pressure near the vapour's and no mass of its own.
+
+    Of a `pressure` (Pa, gauge), the volume of `free` air at atmospheric pressure over that of oil, K `warm`
+    above the oil's reference temperature, and vapour pressure over sound oil's. Gives compliance ∂lnρ/∂p
+    (1/Pa), ln ρ, g, and expansion -∂lnρ/∂T (1/K).
+    """
+    inverse = 1.0 / max(pressure + par.ambient, _LEAST_ABSOLUTE)
+    cold = math.exp(par.polytropic_inverse * math.log(ATMOSPHERE * inverse))
+    gas = (1.0 + AIR_WARMING * warm) * cold
+    stiff = par.stiff_compliance + par.softening * warm
+    soft = stiff + free * gas * par.polytropic_inverse * inverse
+    density = stiff * pressure - par.expansion * warm - free * gas
+    swell = par.expansion - par.softening * pressure + free * cold * AIR_WARMING
+    q = max(1.0 + VAPOUR_SLOPE * warm, 0.1)
+    ratio = par.vapour_pressure * vapour * q * q * q * inverse
+    if ratio > VAPOUR_FELT:
+        beyond = ratio - VAPOUR_FELT
+        density -= VAPOUR_SHARE * beyond * beyond
+        soft += 2.0 * VAPOUR_SHARE * beyond * ratio * inverse
+        swell += 6.0 * VAPOUR_SHARE * beyond * ratio * VAPOUR_SLOPE / q
+    return soft, density, gas, swell
+
+
+@njit(error_model="numpy", inline="always")
+def settled_air(pressure: float, air: float, par: Constants) -> float:
+    """Free air that a gauge pressure leaves in the end: Henry's line down to a tenth, and what comes out of
+    solution below the surroundings' pressure."""
+    if pressure < 0.0:
+        return air - par.releasing * pressure
+    return air * (1.0 - 0.9 * min(pressure * par.dissolving, 1.0))

@@ -6,26 +6,25 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import butter, cont2discrete, lfilter
 
 from fdd.errors import InputError
-from fdd.plant import Array
+from fdd.plant import PERIOD, Array, Constants
 from fdd.plant import conditions as c
 from fdd.plant import integrator as loop
 from fdd.plant import state as s
-from fdd.plant.circuit import apply, apply_connect, check_charging
+from fdd.plant.details import plant_parameters, record
 from fdd.plant.duty import ConstantSpeed
 from fdd.plant.equations import load_spring
-from fdd.plant.faults.injection import STATE_BORNE, inject
-from fdd.plant.integrator import PERIOD, new_memory, take_row
-from fdd.plant.laws import settled_air
-from fdd.plant.oil import walther_line
-from fdd.plant.parameters import Constants, plant_parameters, record
+from fdd.plant.faults import STATE_BORNE, inject
+from fdd.plant.integrator import new_memory, take_row
+from fdd.plant.oil import settled_air, walther_line
+from fdd.plant.rig import apply, apply_connect, check_charging
 from fdd.plant.scenario import Scenario
-from fdd.plant.sensors import generator, position_offset
+from fdd.plant.sensors.faults import position_offset
+from fdd.plant.sensors.recording import generator
 from fdd.plant.steps import tolerances
 from fdd.unit import Unit
 
@@ -84,23 +83,20 @@ class Prepared:
             for i, unit in enumerate(self.units)
         ]
         first = [spec for spec in self.scenario.faults if spec.axis == 1]
-        parts[0].rows[:, c.ENCODER_OFFSET] = position_offset(first, start, stop - start, self.scenario.seed)
-        rows, by_load, by_heat = (_side_by_side(list(each)) for each in zip(*parts, strict=True))
+        parts[0][0][:, c.ENCODER_OFFSET] = position_offset(first, start, stop - start, self.scenario.seed)
+        # Of a single axis without a copy.
+        rows, by_load, by_heat = (
+            each[0][:, np.newaxis] if len(each) == 1 else np.stack(each, axis=1)
+            for each in zip(*parts, strict=True)
+        )
         return rows, by_load, by_heat
-
-
-class AxisConditions(NamedTuple):
-    """Conditions of an axis, (n, COLUMNS), and what is added at full load and at full heat, or no rows."""
-
-    rows: Array
-    by_load: Array
-    by_heat: Array
 
 
 def axis_conditions(
     unit: Unit, scenario: Scenario, time: Array, setpoint: Array, force: Array, *, axis: int = 1
-) -> AxisConditions:
-    """Everything that changes with time about one axis, at `time` (n,) s.
+) -> tuple[Array, Array, Array]:
+    """Everything that changes with time about one axis, at `time` (n,) s: its conditions, (n, COLUMNS), and
+    what is added at full load and at full heat, or no rows.
 
     Each row depends on its own time alone, so a run may be cut anywhere. `setpoint` (n,) is the controller's
     (see `fdd.plant.conditions`), `force` (n,) N on the rod goes with the first axis.
@@ -110,13 +106,10 @@ def axis_conditions(
     if scenario.friction_wander > 0.0:
         both = [c.FRICTION_FORWARD, c.FRICTION_REVERSE]
         rows[:, both] *= _wandering_friction(scenario, time, axis)[:, None]
-    partner = scenario.partner
-    circuit, power = scenario.circuit, scenario.power
-    if axis == 2 and partner is not None:
-        circuit, power = partner.circuit, partner.power
-    rows[:, c.CURRENT_LIMIT] *= power.over(time)
-    check_charging(circuit, unit, scenario.charge_factor)
-    apply(circuit, rows, time)
+    own = scenario.partner if axis == 2 and scenario.partner is not None else scenario
+    rows[:, c.CURRENT_LIMIT] *= own.power.over(time)
+    check_charging(own.circuit, unit, scenario.charge_factor)
+    apply(own.circuit, rows, time)
     if axis == 1:
         apply_connect(scenario.connect, rows, time)
     put = partial(inject, time=time, specs=scenario.faults, scales=scenario.fault_scales,
@@ -127,7 +120,7 @@ def axis_conditions(
         whole = rows.copy()
         put(whole, profile=profile)
         added[profile] = whole - rows
-    return AxisConditions(rows, added["load"], added["heat"])
+    return rows, added["load"], added["heat"]
 
 
 def _wandering_friction(scenario: Scenario, time: Array, axis: int) -> Array:
@@ -136,7 +129,7 @@ def _wandering_friction(scenario: Scenario, time: Array, axis: int) -> Array:
     An Ornstein-Uhlenbeck process (1930, doi 10.1103/PhysRev.36.823), none beyond three standard deviations.
     All of the run is drawn each time, so that a stretch of it is the same bits however the run is cut.
     """
-    rng = generator(scenario.seed, "friction wander" + ("" if axis == 1 else f" {axis}"))
+    rng = generator(scenario.seed, f"friction wander{stream_of(axis - 1)}")
     white = rng.standard_normal(math.ceil(scenario.duration / _KNOT) + 2)
     kept = math.exp(-_KNOT / FRICTION_TIME)
     white[1:] *= math.sqrt(1.0 - kept * kept)
@@ -146,11 +139,6 @@ def _wandering_friction(scenario: Scenario, time: Array, axis: int) -> Array:
     share = place - before
     wander = (1.0 - share) * knots[before] + share * knots[before + 1]
     return np.asarray(1.0 + scenario.friction_wander * wander)
-
-
-def _side_by_side(axes: list[Array]) -> Array:
-    """(n, axes, COLUMNS) of (n, COLUMNS) each, of a single axis without a copy."""
-    return axes[0][:, np.newaxis] if len(axes) == 1 else np.stack(axes, axis=1)
 
 
 def stream_of(axis: int) -> str:
@@ -222,35 +210,28 @@ def _fits(unit: Unit, scenario: Scenario) -> None:
 
 def _controller(units: list[Unit], scenario: Scenario) -> Constants:
     """Constants of the controller, SI; it sees the position encoder, not the position."""
-    duty, control, unit = scenario.duty, scenario.control, units[0]
-    encoder, last = unit.sensor("position"), units[-1].drive
+    duty, control, unit, last = scenario.duty, scenario.control, units[0], units[-1].drive
+    encoder, position = unit.sensor("position"), control.mode == "position"
     shuttle = isinstance(duty, ConstantSpeed)
-    position = control.mode == "position"
     follows = {"same": loop.SAME, "still": loop.STILL, "own": loop.OWN}
     b1, b2, a1, a2 = chatter_filter(control.filter_cutoff, PERIOD)
-    values = {
+    return record({
         "mode": loop.POSITION if position else loop.SHUTTLE if shuttle else loop.SPEED_COMMAND,
         "gain": control.gain,
         "max_speed": unit.drive.max_speed,
         # Position beyond which a speed command outwards is cut to zero (the rig's interlock).
         "limit": 0.45 * unit.cylinder.stroke,
-        "low": duty.offset - duty.amplitude,
-        "high": duty.offset + duty.amplitude,
+        "low": duty.offset - duty.amplitude, "high": duty.offset + duty.amplitude,
         # Rest at each end of a shuttle, in milliseconds.
         "dwell": round(duty.dwell * 1000.0) if isinstance(duty, ConstantSpeed) else 0,
-        "encoder_gain": encoder.gain,
-        "encoder_zero": encoder.zero,
-        "encoder_resolution": encoder.resolution,
+        "encoder_gain": encoder.gain, "encoder_zero": encoder.zero, "encoder_resolution": encoder.resolution,
         # Feedback of the filtered, differentiated encoder ((rad/s)/(m/s)).
         "rate_gain": control.rate_gain if position else 0.0,
         "b1": b1, "b2": b2, "a1": a1, "a2": a2,
         "follows": follows[scenario.partner.drive] if scenario.partner else loop.STILL,
         # Delays of the drives (s).
-        "delay_1": unit.drive.delay,
-        "delay_2": last.delay,
-        "max_speed_2": last.max_speed,
-    }  # fmt: skip
-    return record(values)
+        "delay_1": unit.drive.delay, "delay_2": last.delay, "max_speed_2": last.max_speed,
+    })  # fmt: skip
 
 
 def chatter_filter(cutoff: float, period: float) -> tuple[float, float, float, float]:

@@ -19,15 +19,13 @@ from pydantic import Field, model_validator
 
 from fdd.bounds import MAX_SCENARIO_BYTES
 from fdd.errors import InputError
-from fdd.plant.circuit import WHERE, Circuit, Connect
+from fdd.plant import FULL, ShareProgramme, Validated
 from fdd.plant.details import Details
 from fdd.plant.duty import AnyDuty, ConstantSpeed, Standstill, Steps
-from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.plant.load import AnyLoad, NoLoad
+from fdd.plant.faults import FaultScales, FaultSpec
 from fdd.plant.oil import ATMOSPHERE
-from fdd.plant.programme import FULL, ShareProgramme
+from fdd.plant.rig import WHERE, AnyLoad, Circuit, Connect, NoLoad
 from fdd.plant.sensors.recording import Recording
-from fdd.plant.validated import Validated
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 SCENARIO_SCHEMA = "fdd.scenario/1"
@@ -85,10 +83,8 @@ class Partner(Validated):
             problem = "drive own needs a duty" if self.drive == "own" else f"drive {self.drive} takes no duty"
             raise InputError(problem, mend="give drive own and a duty together")
         if isinstance(self.duty, ConstantSpeed):
-            raise InputError(
-                "the partner cannot do constant_speed: it turns at its own encoder",
-                mend="use steps, levels or another duty of given speeds",
-            )
+            problem = "the partner cannot do constant_speed: it turns at its own encoder"
+            raise InputError(problem, mend="use steps, levels or another duty of given speeds")
         return self
 
 
@@ -152,14 +148,12 @@ class Scenario(Validated):
         _check_faults(self)
         _check_valves(self)
         if isinstance(self.duty, ConstantSpeed) and self.control.mode != "speed":
-            raise InputError(
-                "duty constant_speed needs speed control", mend="set control mode to speed, or use strokes"
-            )
+            problem = "duty constant_speed needs speed control"
+            raise InputError(problem, mend="set control mode to speed, or use strokes")
         final = self.oil_temperature + self.warming * self.duration
         if not -40.0 <= final <= 140.0:
-            raise InputError(
-                f"the oil would end at {final:.0f} °C", mend="lower warming; -40 to 140 °C is modelled"
-            )
+            problem = f"the oil would end at {final:.0f} °C"
+            raise InputError(problem, mend="lower warming; -40 to 140 °C is modelled")
         return self
 
     @property
@@ -173,18 +167,14 @@ def _check_faults(scenario: Scenario) -> None:
     seen: set[tuple[str, int]] = set()
     for spec in scenario.faults:
         if spec.onset >= scenario.duration:
-            raise InputError(
-                f"fault {spec.fault}: onset {spec.onset:g} s is past the end, {scenario.duration:g} s",
-                mend="set an earlier onset or a longer duration",
-            )
+            problem = f"fault {spec.fault}: onset {spec.onset:g} s is past the end, {scenario.duration:g} s"
+            raise InputError(problem, mend="set an earlier onset or a longer duration")
         if spec.axis == 2 and scenario.partner is None:
-            raise InputError(
-                f"fault {spec.fault}: there is no axis 2", mend="leave axis out or give a partner"
-            )
+            problem = f"fault {spec.fault}: there is no axis 2"
+            raise InputError(problem, mend="leave axis out or give a partner")
         if (spec.fault, spec.axis) in seen:
-            raise InputError(
-                f"fault {spec.fault} is given twice for axis {spec.axis}", mend="give it once for each axis"
-            )
+            problem = f"fault {spec.fault} is given twice for axis {spec.axis}"
+            raise InputError(problem, mend="give it once for each axis")
         seen.add((spec.fault, spec.axis))
 
 

@@ -13,14 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.plant import Array
+from fdd.plant import PERIOD, Array
 from fdd.plant import conditions as c
-from fdd.plant.faults.spec import FaultSpec
-from fdd.plant.integrator import LATE_PARTS, PERIOD, run
+from fdd.plant.faults import FaultSpec
+from fdd.plant.integrator import LATE_PARTS, run
 from fdd.plant.prepare import Prepared, prepare, stream_of
 from fdd.plant.scenario import Scenario
-from fdd.plant.sensors import Lateness, Recorder
-from fdd.plant.truth import Truth, truth_columns
+from fdd.plant.sensors import Recorder
+from fdd.plant.sensors.recording import Lateness
+from fdd.plant.state import Truth, truth_columns
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -94,9 +95,8 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
         )  # fmt: skip
         if not np.isfinite(states[-1]).all():
             lost = float(np.flatnonzero(~np.isfinite(states).all(axis=1))[0])
-            second = start * PERIOD + lost * period
             raise InputError(
-                f"the simulation left the range of the model at {second:.3f} s",
+                f"the simulation left the range of the model at {start * PERIOD + lost * period:.3f} s",
                 where=f"unit {ready.units[0].name}",
                 mend="check the unit's masses, volumes and drive poles",
             )
@@ -149,15 +149,14 @@ def simulate(
     """
     units = [unit if isinstance(unit, Unit) else Unit.load(unit)]
     if scenario.partner is not None:
-        partner = partner or Unit.load(scenario.partner.unit)
-        units.append(partner)
+        units.append(partner or Unit.load(scenario.partner.unit))
+        partner = units[1]
     parts = list(stream(units[0], scenario, partner=partner, refine=refine))
     found: Simulation | None = None
     for i in reversed(range(len(units))):
-        blocks = [axes[i] for axes in parts]
-        samples = Samples.concatenate([b.samples for b in blocks])
-        columns = _joined([b.truth.columns for b in blocks])
-        severity = _joined([b.truth.severity for b in blocks])
+        samples = Samples.concatenate([axes[i].samples for axes in parts])
+        columns = _joined([axes[i].truth.columns for axes in parts])
+        severity = _joined([axes[i].truth.severity for axes in parts])
         labels = [spec.label() for spec in _own(scenario, i)]
         found = Simulation(samples, Truth(samples.time, columns, severity), labels, units[i], scenario, found)
     assert found is not None

@@ -15,11 +15,10 @@ import math
 
 import numpy as np
 
-from fdd.plant import Array
+from fdd.plant import Array, Constants
 from fdd.plant import state as s
 from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
-from fdd.plant.parameters import Constants
 
 STAGES = 7
 _SHORTEST = 1e-7  # s; a step that short is taken whatever its estimate says

@@ -46,13 +46,24 @@ def write_simulation(
     units = [unit] if partner is None else [unit, partner]
     axes = [each.axis for each in units]
     if len(set(axes)) < len(axes):
-        raise InputError(
-            f"both units are of axis {axes[0]}", mend="give the partner's profile another axis name"
-        )
+        problem = f"both units are of axis {axes[0]}"
+        raise InputError(problem, mend="give the partner's profile another axis name")
     table = path.suffix.lower() != ".mcap"
     for axis in axes if table else ():
         require_writable(axis_file(path, axis, axes))
-    blocks = _blocks(unit, scenario, partner, axes, truth, advance)
+
+    def made() -> Iterator[RunBlock]:
+        # Its compiled code takes a second to load: not before everything is known to be right.
+        from fdd.logs.mcap_writing import RunBlock
+        from fdd.plant.simulate import BLOCK, stream
+
+        for k, parts in enumerate(stream(unit, scenario, partner=partner)):
+            for axis, part in zip(axes, parts, strict=True):
+                beside = {"time": part.truth.time, **part.truth.as_columns()} if truth else None
+                yield RunBlock(part.samples, beside, axis)
+            advance(float(min((k + 1) * BLOCK, scenario.rows)))
+
+    blocks = made()
     if table:
         write_table_blocks(path, blocks, axes=axes)
         return
@@ -62,18 +73,3 @@ def write_simulation(
         path, blocks, axes=axes, units={each.axis: each.to_yaml() for each in units},
         scenario_json=scenario.model_dump_json(), labels={"faults": [s.label() for s in scenario.faults]},
     )  # fmt: skip
-
-
-def _blocks(
-    unit: Unit, scenario: Scenario, partner: Unit | None, axes: list[str], truth: bool, advance: Advance
-) -> Iterator[RunBlock]:
-    """The run's blocks as a log takes them."""
-    # Its compiled code takes a second to load: not before everything is known to be right.
-    from fdd.logs.mcap_writing import RunBlock
-    from fdd.plant.simulate import BLOCK, stream
-
-    for k, parts in enumerate(stream(unit, scenario, partner=partner)):
-        for axis, part in zip(axes, parts, strict=True):
-            beside = {"time": part.truth.time, **part.truth.as_columns()} if truth else None
-            yield RunBlock(part.samples, beside, axis)
-        advance(float(min((k + 1) * BLOCK, scenario.rows)))

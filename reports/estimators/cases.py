@@ -45,7 +45,7 @@ LOADS: dict[str, dict[str, Any]] = {
     "throttle": {"name": "throttle", "pressure": 0.3e6},
     "gust": {"name": "gust", "deviation": 300.0, "bandwidth_hz": 1.0, "rate": 8e3},
 }
-"""Load of each name as `fdd.plant.load` takes it."""
+"""Load of each name as `fdd.plant.rig` takes it."""
 
 ALL = ("position", "pump_angle", "pump_speed", "pressure_1", "pressure_2", "pressure_difference",
        "pressure_accumulator", "oil_temperature")  # fmt: skip

@@ -27,7 +27,7 @@ from fdd.plant.oil import air_compliance, viscosity_ratio
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
-from fdd.plant.truth import Truth
+from fdd.plant.state import Truth
 from fdd.residuals.tracking import Channels, Tracking, estimates, observability
 from fdd.unit import Unit
 from reports.estimators import cases, matched

@@ -18,11 +18,11 @@ from numpy.polynomial import legendre
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
+from fdd.plant import PERIOD
 from fdd.plant import conditions as c
 from fdd.plant import oil as o
 from fdd.plant import state as s
 from fdd.plant.equations import right_hand_side
-from fdd.plant.integrator import PERIOD
 from fdd.plant.prepare import Prepared, prepare
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import raw_blocks

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from fdd.plant import PERIOD
 from fdd.plant import state as s
 from fdd.plant.equations import right_hand_side
-from fdd.plant.integrator import PERIOD, STEPS
+from fdd.plant.integrator import STEPS
 from fdd.plant.prepare import Prepared, prepare
 from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording

@@ -13,12 +13,13 @@ from fdd.campaign.recipe import Recipe
 from fdd.campaign.scenarios import fitting_duty
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
+from fdd.plant import PERIOD
 from fdd.plant import state as s
 from fdd.plant.duty import DUTIES, Duty, Levels, OneWay
-from fdd.plant.faults.injection import PLANT_FAULTS
-from fdd.plant.integrator import PERIOD, STEPS
-from fdd.plant.load import LOADS
+from fdd.plant.faults import PLANT_FAULTS
+from fdd.plant.integrator import STEPS
 from fdd.plant.prepare import Prepared, prepare
+from fdd.plant.rig import LOADS
 from fdd.plant.scenario import Control, Scenario
 from fdd.plant.simulate import RawBlock, raw_blocks
 from fdd.unit import Unit

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fdd.identification.experiments.response import Coefficients, from_profile
 from fdd.measures import ATMOSPHERE_PA
 from fdd.plant.details import Details
-from fdd.plant.faults.spec import FaultScales, FaultSpec
+from fdd.plant.faults import FaultScales, FaultSpec
 from fdd.plant.oil import stiff_bulk_modulus
 from fdd.samples import Samples
 from fdd.unit import Oil, Unit

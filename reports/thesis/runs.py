@@ -17,9 +17,9 @@ from scipy.optimize import least_squares
 from scipy.signal import butter, chirp, cont2discrete, fftconvolve, lfilter, sosfiltfilt
 
 from fdd.identification.experiments.dynamics import half_power_frequency
-from fdd.plant.circuit import Circuit
 from fdd.plant.details import Details
 from fdd.plant.duty import Replay
+from fdd.plant.rig import Circuit
 from fdd.plant.scenario import Control, Partner, Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.unit import Unit

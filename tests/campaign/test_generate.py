@@ -13,9 +13,10 @@ from fdd.campaign.dataset import Dataset, digest, for_each_unit
 from fdd.campaign.generate import generate
 from fdd.campaign.labels import largest_rms, noise_deviation, visibility, visibility_class
 from fdd.campaign.recipe import Recipe
-from fdd.plant.faults.spec import SIMULATED, FaultScales
+from fdd.plant.faults import SIMULATED, FaultScales
 from fdd.plant.oil import viscosity_ratio
-from fdd.plant.sensors import MEASURED, Recorder, Recording
+from fdd.plant.sensors import MEASURED, Recorder
+from fdd.plant.sensors.recording import Recording
 from tests.refusal import refused
 
 FOUR = ("internal_leakage", "seal_wear", "aeration", "check_valve_stuck_open")

@@ -18,8 +18,8 @@ from fdd.campaign.sizes import RELIEF, Scale, Size, sized_unit
 from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant.details import Details
 from fdd.plant.duty import ConstantSpeed, Mission
-from fdd.plant.faults.spec import SIMULATED, FaultScales
-from fdd.plant.load import LOADS, ChangingLoad, GustLoad
+from fdd.plant.faults import SIMULATED, FaultScales
+from fdd.plant.rig import LOADS, ChangingLoad, GustLoad
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import prepare, simulate
 from tests.refusal import refused

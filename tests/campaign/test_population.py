@@ -94,7 +94,7 @@ def test_friction_wanders_with_the_std_and_time_that_are_asked_for() -> None:
     scenario = Scenario(duration=3600.0, friction_wander=0.03, seed=4)
     every = np.arange(0.0, 3600.0, 1.0)
     none = np.zeros(every.size)
-    rows = axis_conditions(Unit.load("axis_a"), scenario, every, none, none).rows
+    rows = axis_conditions(Unit.load("axis_a"), scenario, every, none, none)[0]
     assert np.array_equal(rows[:, c.FRICTION_FORWARD], rows[:, c.FRICTION_REVERSE])
     wander = (rows[:, c.FRICTION_FORWARD] - 1.0) / 0.03
     # 90 independent stretches of twice the process's time.

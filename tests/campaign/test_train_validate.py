@@ -19,7 +19,7 @@ from fdd.campaign.train import LAW_SPREAD, LEAST_LOGS, ScoredLog, learnt, pareto
 from fdd.campaign.validate import estimate_errors, outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import FaultFinding, Trajectories
 from fdd.diagnosis.model import root
-from fdd.plant.truth import Truth
+from fdd.plant.state import Truth
 from fdd.residuals.oil import air_compliance
 from tests.made_up import answer, entry, finding, label
 from tests.refusal import refused

@@ -16,7 +16,7 @@ from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap
 from fdd.monitor import Event, Found, JsonLines, LineParser, Noted, Replay, Status, WallClock, watch
 from fdd.monitor.stream import CLOCK_GAP_S, split_lines
-from fdd.plant.load import SpringLoad
+from fdd.plant.rig import SpringLoad
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.samples import Samples

@@ -5,11 +5,11 @@ import pytest
 from fault_case import Array, Case, checked, lost, over_time
 
 from fdd.plant.details import Details
-from fdd.plant.faults.spec import FaultScales
-from fdd.plant.load import ConstantLoad, NoLoad
+from fdd.plant.faults import FaultScales
 from fdd.plant.oil import viscosity_ratio
+from fdd.plant.rig import ConstantLoad, NoLoad
 from fdd.plant.scenario import Recording
-from fdd.plant.truth import Truth
+from fdd.plant.state import Truth
 from fdd.unit import FrictionBranch
 
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from fdd.faults import CATALOGUE
 from fdd.plant.duty import Levels, Steps
-from fdd.plant.faults.spec import FaultSpec
-from fdd.plant.load import ConstantLoad, NoLoad
+from fdd.plant.faults import FaultSpec
+from fdd.plant.rig import ConstantLoad, NoLoad
 from fdd.plant.scenario import Control, Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
-from fdd.plant.truth import Truth
+from fdd.plant.state import Truth
 from fdd.unit import Unit
 
 ONSET = 2.0

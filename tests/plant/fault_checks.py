@@ -11,9 +11,9 @@ from fault_case import CHECKS, ONSET, Case, checked, held, keeps_its_oil, lost, 
 
 from fdd.plant.details import Details
 from fdd.plant.duty import Levels, Sines, Strokes
-from fdd.plant.faults.spec import FaultScales
-from fdd.plant.load import NoLoad, SpringLoad
+from fdd.plant.faults import FaultScales
 from fdd.plant.oil import viscosity_ratio
+from fdd.plant.rig import NoLoad, SpringLoad
 from fdd.plant.scenario import Recording
 
 

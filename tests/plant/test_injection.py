@@ -13,8 +13,7 @@ from fdd.campaign.sizes import Scale, Size, sized_unit
 from fdd.faults import CATALOGUE
 from fdd.plant import conditions as c
 from fdd.plant.details import Details
-from fdd.plant.faults.injection import PLANT_FAULTS, inject
-from fdd.plant.faults.spec import FaultScales, FaultSpec
+from fdd.plant.faults import PLANT_FAULTS, FaultScales, FaultSpec, inject
 from fdd.unit import Unit
 
 UNIT = Unit.load("axis_a")

@@ -7,7 +7,7 @@ import pytest
 
 from fdd import Scenario, Unit
 from fdd.plant import state as s
-from fdd.plant.faults.injection import PLANT_FAULTS
+from fdd.plant.faults import PLANT_FAULTS
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import Simulation, simulate
 from reports.plant.energies import Energies, FineRun, energies, fine_run

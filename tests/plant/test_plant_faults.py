@@ -11,9 +11,9 @@ from fault_case import CHECKS, ONSET, UNITS, Case, choices, keeps_its_oil, port_
 from fdd.faults import CATALOGUE
 from fdd.plant.details import Details
 from fdd.plant.duty import Levels, Strokes
-from fdd.plant.faults.spec import SIMULATED, FaultSpec, parse_fault
-from fdd.plant.load import ConstantLoad, GustLoad, SpringLoad
+from fdd.plant.faults import SIMULATED, FaultSpec, parse_fault
 from fdd.plant.oil import viscosity_ratio
+from fdd.plant.rig import ConstantLoad, GustLoad, SpringLoad
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import simulate
 from tests.refusal import refused

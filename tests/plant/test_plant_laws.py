@@ -11,17 +11,15 @@ from scipy.integrate import quad
 from fdd import Scenario, Unit
 from fdd.plant import conditions as c
 from fdd.plant import state as s
-from fdd.plant.details import Details
+from fdd.plant.details import Details, plant_parameters
 from fdd.plant.equations import drive_rates, friction_rates
 from fdd.plant.integrator import MEMORIES, protect
-from fdd.plant.laws import oil_at
-from fdd.plant.load import ConstantLoad, NoLoad
-from fdd.plant.oil import air_compliance, bulk_modulus, stiff_bulk_modulus, viscosity, viscosity_ratio
-from fdd.plant.parameters import plant_parameters
+from fdd.plant.oil import air_compliance, bulk_modulus, oil_at, stiff_bulk_modulus, viscosity, viscosity_ratio
 from fdd.plant.prepare import prepare
+from fdd.plant.rig import ConstantLoad, NoLoad
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import raw_blocks, simulate
-from fdd.plant.truth import Truth
+from fdd.plant.state import Truth
 from tests.refusal import refused
 
 UNIT = Unit.load("axis_a")

@@ -8,13 +8,12 @@ from scipy.signal import bilinear
 
 from fdd import Unit, simulate
 from fdd.plant import conditions as c
-from fdd.plant.circuit import Circuit, ExternalAccumulators, apply, check_charging
+from fdd.plant import programme
 from fdd.plant.duty import DUTIES, Levels, OneWay
-from fdd.plant.load import LOADS, GustLoad
 from fdd.plant.prepare import axis_conditions, chatter_filter, prepare
-from fdd.plant.programme import programme
+from fdd.plant.rig import LOADS, Circuit, ExternalAccumulators, GustLoad, apply, check_charging
 from fdd.plant.scenario import Recording, Scenario
-from fdd.plant.truth import TRUTH
+from fdd.plant.state import TRUTH
 from tests.refusal import refused
 
 AXIS_A, UNIT = Unit.load("axis_a"), Unit.load("axis_b")
@@ -232,7 +231,7 @@ ZEROS = np.zeros(TIME.size)
 
 
 def rows_of(scenario: Scenario, axis: int = 1) -> np.ndarray:
-    return axis_conditions(AXIS_A, scenario, TIME, ZEROS, ZEROS, axis=axis).rows
+    return axis_conditions(AXIS_A, scenario, TIME, ZEROS, ZEROS, axis=axis)[0]
 
 
 def changed_by(circuit: Circuit) -> np.ndarray:

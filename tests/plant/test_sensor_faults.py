@@ -10,10 +10,10 @@ from scipy.signal import welch
 
 from fdd import Scenario, Unit, simulate
 from fdd.faults import CATALOGUE
-from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.plant.sensors import ChannelSensor, Recorder, Recording, Rows, position_offset, range_of
-from fdd.plant.sensors.faults import DROPOUTS, PLAY, sensor_fault
-from fdd.plant.sensors.recorder import KNOWN, MEASURED
+from fdd.plant.faults import FaultScales, FaultSpec
+from fdd.plant.sensors import KNOWN, MEASURED, ChannelSensor, Recorder, Rows, range_of
+from fdd.plant.sensors.faults import DROPOUTS, PLAY, position_offset, sensor_fault
+from fdd.plant.sensors.recording import Recording
 from fdd.sensor import CurrentLoop, Sensor
 
 UNIT = Unit.load("axis_a")

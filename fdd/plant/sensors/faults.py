@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
-from fdd.plant import Array
+from fdd.plant import PERIOD, Array
 from fdd.plant.compiled import njit
-from fdd.plant.faults.spec import FaultScales, FaultSpec
-from fdd.plant.sensors.recording import PERIOD, Recording, generator
+from fdd.plant.faults import FaultScales, FaultSpec
+from fdd.plant.sensors.recording import Recording, generator
 from fdd.sensor import Sensor
 
 USUAL = FaultScales()
@@ -215,10 +215,8 @@ class Dropout(SensorFault):
         self._dead = np.nan
         if self._shows == "dead":
             if sensor.loop is None:
-                raise InputError(
-                    f"fault {spec.fault}: {self.channel} has no current loop that could break",
-                    mend="give the unit's sensor a loop, or use variant missing",
-                )
+                problem = f"fault {spec.fault}: {self.channel} has no current loop that could break"
+                raise InputError(problem, mend="give the unit's sensor a loop, or use variant missing")
             self._dead = -sensor.loop.offset
 
     def replace(self, values: Array, time: Array) -> Array:

@@ -10,12 +10,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from fdd.errors import InputError
-from fdd.plant import Array
-from fdd.plant.validated import Validated
+from fdd.plant import PERIOD, Array, Validated
 from fdd.samples import CHANNELS, missing_required
 
-PERIOD = 1e-3
-"""s, of controller and usual recording."""
 SHORTEST_BURST, LONGEST_BURST = 5, 30
 MOST_CHANNELS = 4
 

@@ -1,7 +1,14 @@
-"""What a user asks for: which fault, how severe, when, and how it comes; what severity 1 is in figures."""
+"""Faults of the plant: which one a user asks for, how severe, when and how it comes; and what it changes.
+
+The faults' own modules (`fdd.faults`) say what severity 1 is, which parameters they change and by what; here
+this is done. Faults of sensors are in `fdd.plant.sensors.faults`. Severity 0 leaves every number as it was,
+bit for bit. Leakages go in at the oil's reference temperature, as all conditions do.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -9,12 +16,23 @@ import numpy as np
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from fdd.errors import InputError
-from fdd.faults import CATALOGUE, Figure, fault
-from fdd.plant import Array
-from fdd.plant.validated import Validated, named_parameters
+from fdd.faults import CATALOGUE, Effect, Figure, fault, unusable
+from fdd.plant import Array, Validated, named_parameters
+from fdd.plant import conditions as c
 
 SIMULATED = tuple(f.id for f in CATALOGUE.values() if f.simulated)
 """Ids of the faults that the plant injects."""
+
+PARAMETERS: dict[str, int] = {
+    name.lower(): column for name, column in vars(c).items() if name.isupper() and column in range(c.COLUMNS)
+}
+"""Name that an effect gives to a parameter, to its column of the conditions."""
+
+STATE_BORNE = ("load", "heat")
+"""Profiles that go with the plant's state, which the loop alone knows."""
+
+PLANT_FAULTS = tuple(entry.id for entry in CATALOGUE.values() if entry.effects)
+"""Faults of the plant, in the order in which a scenario's faults take effect."""
 
 Profile = Literal["step", "ramp", "intermittent", "exponential", "random", "load", "heat"]
 
@@ -63,9 +81,8 @@ class FaultSpec(Validated):
     def _known(self) -> FaultSpec:
         entry = fault(self.fault)
         if not entry.simulated:
-            raise InputError(
-                f"fault {self.fault!r} is not simulated", mend=f"the simulated ones: {', '.join(SIMULATED)}"
-            )
+            problem = f"fault {self.fault!r} is not simulated"
+            raise InputError(problem, mend=f"the simulated ones: {', '.join(SIMULATED)}")
         for name, given, allowed in (
             ("side", self.side, entry.sides),
             ("variant", self.variant, entry.variants),
@@ -78,10 +95,8 @@ class FaultSpec(Validated):
                 mend = f"use one of: {shown}" if allowed else f"leave {name} out"
                 raise InputError(f"fault {self.fault}: {name} {given!r} is not possible", mend=mend)
         if entry.in_measurement and self.profile in ("load", "heat"):
-            raise InputError(
-                f"fault {self.fault}: a sensor's fault does not come with {self.profile}",
-                mend="use one of: step, ramp, intermittent, exponential, random",
-            )
+            problem = f"fault {self.fault}: a sensor's fault does not come with {self.profile}"
+            raise InputError(problem, mend="use one of: step, ramp, intermittent, exponential, random")
         return self
 
     @property
@@ -136,6 +151,7 @@ def _field(figure: Figure) -> Any:
 
 
 if TYPE_CHECKING:
+    from fdd.plant.details import Details
 
     class _Figures(Validated):
         def __getattr__(self, name: str) -> float: ...
@@ -175,3 +191,56 @@ def parse_fault(text: str) -> FaultSpec:
         return FaultSpec(**{"fault": name, **given})
     except InputError as error:
         raise error.at(f"--fault {text}") from None
+
+
+def inject(
+    rows: Array, time: Array, specs: Sequence[FaultSpec], scales: FaultScales, details: Details, *,
+    axis: int = 1, profile: str | None = None,
+) -> None:  # fmt: skip
+    """Put an axis's plant faults into its conditions, in place.
+
+    Parameters
+    ----------
+    rows, time : (n, COLUMNS) conditions of any stretch of a run, and (n,) s.
+    specs : the scenario's faults; those of sensors and of the other axis are passed over.
+    axis : 1 or 2, whose rows these are.
+    profile : ``load`` or ``heat``: those alone; None: all others.
+
+    Raises
+    ------
+    InputError : a package's fault names what the plant does not have.
+    """
+    figures = {**vars(details), **vars(scales)}
+    for name in PLANT_FAULTS:
+        for spec in specs:
+            state_borne = spec.profile if spec.profile in STATE_BORNE else None
+            if spec.fault == name and spec.axis == axis and state_borne == profile:
+                severity = spec.over(time)
+                for effect in CATALOGUE[name].effects:
+                    if effect.goes_with(spec.side, spec.variant, spec.law):
+                        _require(name, effect, figures)
+                        _change(rows[:, PARAMETERS[effect.parameter]], severity, effect, figures)
+
+
+def _require(name: str, effect: Effect, figures: Mapping[str, float]) -> None:
+    if effect.parameter not in PARAMETERS:
+        raise unusable(name, f"the plant has no parameter {effect.parameter!r}", PARAMETERS)
+    for number in effect.numbers:
+        if isinstance(number, str) and number not in figures:
+            raise unusable(name, f"no figure is called {number!r}", figures)
+
+
+def _change(column: Array, severity: Array, effect: Effect, figures: Mapping[str, float]) -> None:
+    by, less, *factors, over = (figures[n] if isinstance(n, str) else n for n in effect.numbers)
+    amount = severity * (by - 1.0 if effect.change in ("towards", "shift") else by) * (1.0 - less)
+    for i, factor in enumerate(factors):
+        amount = amount * (factor if i < len(effect.times) else math.sqrt(factor))
+    amount = amount / over
+    if effect.change in ("add", "shift"):
+        column += amount
+    elif effect.change == "lower":
+        column *= 1.0 - amount
+    elif effect.change == "decades":
+        column *= 10.0**-amount
+    else:
+        column *= 1.0 + amount

@@ -1,1 +1,0 @@
-"""Faults: what is asked for (`spec`) and what it does to the plant (`injection`)."""
