@@ -16,8 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from fdd.bounds import MAX_UNIT_BYTES
 from fdd.errors import InputError, input_error
 from fdd.files import write_text
-from fdd.sections import Section, si
-from fdd.sensor import Sensor
+from fdd.sections import Section, Sensor, si
 from fdd.yaml_reading import yaml_mapping, yaml_text
 
 UNIT_SCHEMA = "fdd.unit/1"

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from fdd.campaign.dataset import How, over_units
+from fdd.cli.command import Commands, EngineOption, WorkersOption, prepare_process
 from fdd.cli.console import counted
-from fdd.cli.failures import Commands, prepare_process
-from fdd.cli.options import EngineOption, WorkersOption
 from fdd.diagnosis.model import Model
 from reports import datasets, disturbed
 from reports.estimators.report import estimators

@@ -13,7 +13,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fdd.campaign.recipe import Recipe
-from fdd.data_sheet.accumulator import accumulator_volumes
+from fdd.data_sheet.plausibility import accumulator_volumes
 from fdd.logs import ChannelMap
 from fdd.sections import Provenance
 from fdd.unit import Unit

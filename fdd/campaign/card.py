@@ -1,8 +1,9 @@
-"""What stands beside a data set for people who get it: its card, and the hashes of its files."""
+"""What stands beside a data set for people: its card, the hashes of its files; and tables in Markdown."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ from fdd.campaign.dataset import LABELS, MANIFEST, RECIPE, SUMS, Dataset
 from fdd.campaign.labels import CLASSES, ROWS_LOST, SEVERAL, Entry, visibility_class
 from fdd.faults import CATALOGUE
 from fdd.files import sha256_of, write_text
-from fdd.markdown import table
 from fdd.yaml_reading import yaml_of
 
+_RULES = {"l": "---", "r": "---:"}
 _TWINS = """- `unit_NNN/twin_NNN.{format}`: each faulty log once more without its faults. Draws and noise are
   the same: equal to the last bit before the onset, and different after it by what the faults do.
 """
@@ -141,3 +142,17 @@ def _visible(data: Dataset) -> str:
         rows.append([name, f"{visible} of {len(rms)}", f"{np.median(rms):.3g}", *counts])
     head = ["fault", "visible", "median of the largest rms", *CLASSES, ROWS_LOST]
     return "\n".join(["## Visibility", "", _VISIBILITY, "", *table(head, rows, "lr"), ""])
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], sides: str = "l") -> list[str]:
+    """Lines of a table, an empty one last.
+
+    `sides` says where columns' cells stand, ``l`` or ``r`` (numbers); the last letter holds for the rest.
+
+    Examples
+    --------
+    >>> table(["fault", "logs"], [["aeration", "12"]], "lr")
+    ['| fault | logs |', '| --- | ---: |', '| aeration | 12 |', '']
+    """
+    rule = [_RULES[side] for side in sides.ljust(len(head), sides[-1])]
+    return ["| " + " | ".join(line) + " |" for line in (head, rule, *rows)] + [""]

@@ -16,13 +16,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fdd.campaign.population import Range, Rng, log_uniform, uniform
-from fdd.data_sheet.accumulator import accumulator_volumes
+from fdd.data_sheet.plausibility import accumulator_volumes
 from fdd.faults import CATALOGUE
 from fdd.plant import Validated
 from fdd.plant.details import Details
 from fdd.plant.faults import FaultScales
 from fdd.plant.oil import air_compliance
-from fdd.sensor import CurrentLoop, Sensor
+from fdd.sections import CurrentLoop, Sensor
 from fdd.unit import Section, Unit
 
 AXIS = "axis_a"
@@ -134,7 +134,7 @@ def sized_unit(size: Size, rng: Rng, oil_temperatures: Range = OIL_TEMPERATURES)
 
 
 def with_accumulator(unit: Unit, oil_temperatures: Range, margin: float = MARGIN[0]) -> Unit:
-    """The unit with gas and oil of `fdd.data_sheet.accumulator.accumulator_volumes`, `margin` times;
+    """The unit with gas and oil of `fdd.data_sheet.plausibility.accumulator_volumes`, `margin` times;
     `oil_temperatures` in °C, coldest and hottest."""
     cylinder, store, oil = unit.cylinder, unit.accumulator, unit.oil
     coldest, hottest = (t - oil.reference_temperature for t in oil_temperatures)

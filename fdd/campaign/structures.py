@@ -12,7 +12,7 @@ from fdd.errors import InputError, input_error
 from fdd.plant import Validated
 from fdd.plant.details import Details
 from fdd.plant.sensors.recording import Recording
-from fdd.sensor import Sensor
+from fdd.sections import Sensor
 from fdd.unit import Unit
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fdd.campaign.card import table
 from fdd.campaign.dataset import Dataset, How, over_units
 from fdd.campaign.labels import CLASSES, ROWS_LOST, SEVERAL, visibility_class
 from fdd.campaign.scores import Outcome, figures, wilson
@@ -18,7 +19,6 @@ from fdd.diagnosis.findings import Trajectories
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.faults import fault
-from fdd.markdown import table
 from fdd.plant.oil import air_compliance
 from fdd.plant.state import Truth
 from fdd.unit import Unit

@@ -13,7 +13,7 @@ def main() -> None:
     from copy import copy
 
     from fdd.cli.app import app
-    from fdd.cli.failures import prepare_process
+    from fdd.cli.command import prepare_process
 
     prepare_process()
     # Typer works out the options of all commands at each start; a command that is named needs its own alone.

@@ -10,8 +10,7 @@ import typer
 
 from fdd import __version__
 from fdd.cli import profile
-from fdd.cli.failures import USAGE, Commands
-from fdd.cli.options import argument
+from fdd.cli.command import USAGE, Commands, argument
 
 Kind = Literal["diagnosis", "comparison", "trend", "map", "profile", "recipe", "serve"]
 MODELS: dict[Kind, str] = {

@@ -18,7 +18,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from fdd.bounds import MAX_ANSWERS_BYTES
-from fdd.cli.failures import INTERRUPTED, prepare_process
+from fdd.cli.command import INTERRUPTED, prepare_process
 from fdd.engines import Engine, map_unordered
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text, written

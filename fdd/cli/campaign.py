@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from fdd.cli import options
-from fdd.cli.options import argument, option, require_packages
+from fdd.cli import command
+from fdd.cli.command import argument, option, require_packages
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text, written
 
@@ -18,7 +18,7 @@ Target = Literal["family", "fault"]
 def generate(
     recipe: Annotated[Path, argument("Recipe of the campaign (YAML).")],
     out: Annotated[Path, option("Folder of the data set.", "--out", "-o")],
-    workers: options.WorkersOption = None,
+    workers: command.WorkersOption = None,
     units: Annotated[int | None, option("Units, instead of the recipe's.", min=1)] = None,
     logs: Annotated[int | None, option("Logs of each unit, instead of the recipe's.", min=0)] = None,
     twins: Annotated[
@@ -26,7 +26,7 @@ def generate(
         option("Each faulty log once more without its faults, instead of the recipe's; twice the time.",
                "--twins/--no-twins"),
     ] = None,
-    engine: options.EngineOption = "local",
+    engine: command.EngineOption = "local",
 ) -> None:  # fmt: skip
     """Generate a labelled data set of simulated runs."""
     require_writable(out, folder=True)
@@ -44,15 +44,15 @@ def generate(
 
 
 def features(
-    dataset: options.DatasetArgument,
+    dataset: command.DatasetArgument,
     out: Annotated[
         Path,
         option("Table to write; as features.parquet in the data set's folder it is found there.",
                "--out", "-o", metavar="FILE.parquet"),
     ],
-    model: options.ModelOption = None,
-    workers: options.WorkersOption = None,
-    engine: options.EngineOption = "local",
+    model: command.ModelOption = None,
+    workers: command.WorkersOption = None,
+    engine: command.EngineOption = "local",
 ) -> None:  # fmt: skip
     """Make a table of features and truth of a data set: a row for each log."""
     require_writable(out)
@@ -67,11 +67,11 @@ def features(
 
 
 def validate(
-    dataset: options.DatasetArgument,
-    model: options.ModelOption = None,
+    dataset: command.DatasetArgument,
+    model: command.ModelOption = None,
     out: Annotated[Path | None, option("Folder for validation.md and outcomes.csv.", "--out", "-o")] = None,
-    workers: options.WorkersOption = None,
-    engine: options.EngineOption = "local",
+    workers: command.WorkersOption = None,
+    engine: command.EngineOption = "local",
 ) -> None:
     """Diagnose every log of a data set and compare with its truth."""
     if out is not None:
@@ -110,7 +110,7 @@ def train(
                      help="Learn as well what healthy units and logs differ by, instead of taking fdd's own; "
                      "from 20 units on, with twins best."),
     ] = False,
-    workers: options.WorkersOption = None,
+    workers: command.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Learn from data sets how often healthy logs reach a score, and what a score is worth."""
     require_writable(out)

@@ -16,7 +16,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from fdd.cli.options import write_json
+from fdd.cli.command import write_json
 from fdd.engines import Advance
 from fdd.files import write_text
 

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli import options
-from fdd.cli.failures import USAGE
-from fdd.cli.options import argument, option, require_outputs, write_json
+from fdd.cli import command
+from fdd.cli.command import USAGE, argument, option, require_outputs, write_json
 from fdd.errors import InputError
 from fdd.files import require_writable
 
@@ -36,10 +35,10 @@ def diagnose(
         argument("Files, folders (all logs below), quoted patterns such as 'runs/*.csv', or @list.txt.",
                  "LOG..."),
     ],
-    unit: options.UnitOption = None,
-    map_: options.MapOption = None,
-    model: options.ModelOption = None,
-    json_: options.JsonOption = None,
+    unit: command.UnitOption = None,
+    map_: command.MapOption = None,
+    model: command.ModelOption = None,
+    json_: command.JsonOption = None,
     report: Annotated[
         str | None,
         option("Write a report; for several logs a folder or a name with {log}.", metavar="FILE.html"),
@@ -48,7 +47,7 @@ def diagnose(
         str | None,
         option("Write the log with its diagnosis; for several as --report.", metavar="FILE.mcap"),
     ] = None,
-    axis: options.AxisOption = None,
+    axis: command.AxisOption = None,
     prior: Annotated[
         float | None,
         option("Share of such logs that is faulty, before they are looked at; the model's else (0.5 as "
@@ -64,12 +63,12 @@ def diagnose(
         option("Ask a classifier that fdd train --classifier wrote, too; its opinion stands beside ours.",
                metavar="FILE.skops"),
     ] = None,
-    output_: options.FolderOption = None,
+    output_: command.FolderOption = None,
     resume: Annotated[
         bool, option("Keep what --output holds of unchanged logs and settings.", "--resume")
     ] = False,
-    workers: options.WorkersOption = None,
-    engine: options.EngineOption = "local",
+    workers: command.WorkersOption = None,
+    engine: command.EngineOption = "local",
     exit_code: Annotated[
         bool,
         option("Exit with 1 for a fault, else 2 for an unreadable log, else 3 if inconclusive.",
@@ -184,7 +183,7 @@ def _tell(
 
 def demo(
     out: Annotated[Path, typer.Option("--out", "-o", help="Report to write.")] = Path("fdd-demo-report.html"),
-    model: options.ModelOption = None,
+    model: command.ModelOption = None,
 ) -> None:
     """Diagnose a shipped log of a leaking actuator and write its report."""
     require_writable(out)

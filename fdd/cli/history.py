@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli import options
-from fdd.cli.failures import USAGE
-from fdd.cli.options import argument, option, require_outputs, require_packages, write_json
+from fdd.cli import command
+from fdd.cli.command import USAGE, argument, option, require_outputs, require_packages, write_json
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text, written
 
@@ -30,11 +29,11 @@ Answered = tuple[list["Diagnosis"], "Unit | None"]
 def compare(
     a: Annotated[Path, argument("The log before.", "A")],
     b: Annotated[Path, argument("The log after.", "B")],
-    unit: options.UnitOption = None,
-    map_: options.MapOption = None,
-    axis: options.AxisOption = None,
-    json_: options.JsonOption = None,
-    report: options.ReportOption = None,
+    unit: command.UnitOption = None,
+    map_: command.MapOption = None,
+    axis: command.AxisOption = None,
+    json_: command.JsonOption = None,
+    report: command.ReportOption = None,
 ) -> None:
     """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
     from fdd.cli.batch import names_of
@@ -71,9 +70,9 @@ def trend(
         argument("Logs as fdd diagnose takes them, the answers.jsonl that it wrote, or fdd serve's store "
                  "(sqlite:///fdd.db).", "LOG...|STORE"),
     ],
-    unit: options.UnitOption = None,
-    map_: options.MapOption = None,
-    axis: options.AxisOption = None,
+    unit: command.UnitOption = None,
+    map_: command.MapOption = None,
+    axis: command.AxisOption = None,
     limit: Annotated[
         list[str] | None,
         option("How far a quantity may go, as factor of the profile's; what severity 1 makes of it else.",
@@ -82,10 +81,10 @@ def trend(
     since: Annotated[
         str | None, option("Of a store: its last hours (h), days (d) or weeks (w).", metavar="30d")
     ] = None,
-    output_: options.FolderOption = None,
-    json_: options.JsonOption = None,
-    report: options.ReportOption = None,
-    workers: options.WorkersOption = None,
+    output_: command.FolderOption = None,
+    json_: command.JsonOption = None,
+    report: command.ReportOption = None,
+    workers: command.WorkersOption = None,
 ) -> None:  # fmt: skip
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
     from fdd.cli.console import tell_sheet

@@ -18,8 +18,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fdd.cli.failures import stopped_by_signals
-from fdd.cli.options import AxisOption, MapOption, ModelOption, SpeedOption, UnitOption, argument, option
+from fdd.cli.command import (
+    AxisOption,
+    MapOption,
+    ModelOption,
+    SpeedOption,
+    UnitOption,
+    argument,
+    option,
+    stopped_by_signals,
+)
 from fdd.errors import InputError
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from fdd.cli import options
-from fdd.cli.options import argument, option, require_outputs, write_json
+from fdd.cli import command
+from fdd.cli.command import argument, option, require_outputs, write_json
 from fdd.errors import InputError
 from fdd.files import require_writable
 
@@ -145,16 +145,16 @@ def identify(
     out: Annotated[Path, option("Profile to write (YAML).", "--out", "-o")],
     base: Annotated[
         str, typer.Option(help="Profile of a similar unit: a YAML file or a shipped one.",
-                          autocompletion=options.units)
+                          autocompletion=command.units)
     ] = "axis_a",
-    map_: options.MapOption = None,
-    axis: options.AxisOption = None,
+    map_: command.MapOption = None,
+    axis: command.AxisOption = None,
     name: Annotated[str | None, option("Name of the new profile; by default base, date, hash.")] = None,
     add: Annotated[
         Path | None, option("Narrow this identified profile with more logs.", metavar="PROFILE")
     ] = None,
     accept: Annotated[bool, typer.Option(help="Write a profile that would be refused.")] = False,
-    json_: options.JsonOption = None,
+    json_: command.JsonOption = None,
     verbose: Annotated[bool, typer.Option(help="Sensors and notes too.")] = False,
 ) -> None:  # fmt: skip
     """Identify a unit from its healthy logs, so that its own spread is no fault."""
@@ -233,10 +233,10 @@ def experiment(
     unit: Annotated[
         str, typer.Option("--unit", "--base", help="Profile to compare with: a YAML file or a shipped one.")
     ] = "axis_a",
-    map_: options.MapOption = None,
-    axis: options.AxisOption = None,
+    map_: command.MapOption = None,
+    axis: command.AxisOption = None,
     html: Annotated[Path | None, option("Write a page with plots.")] = None,
-    json_: options.JsonOption = None,
+    json_: command.JsonOption = None,
     given: Annotated[
         Literal["pump_speed", "command"], typer.Option("--input", help="Of the frequency response.")
     ] = "pump_speed",

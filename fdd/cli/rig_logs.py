@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fdd.cli.options import argument, option
+from fdd.cli.command import argument, option
 from fdd.errors import InputError
 from fdd.files import require_writable, write_text
 

@@ -16,10 +16,9 @@ from urllib.parse import urlsplit
 
 import typer
 
-from fdd.cli import options
-from fdd.cli.failures import stopped_by_signals
+from fdd.cli import command
+from fdd.cli.command import argument, option, require_packages, stopped_by_signals
 from fdd.cli.monitor import replay_speed
-from fdd.cli.options import argument, option, require_packages
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
@@ -129,9 +128,9 @@ def publish(
         str, option("Broker: mqtt://[USER@]HOST[:PORT], or mqtts:// with TLS.", metavar="URL")
     ],
     topic: Annotated[str, typer.Option(help="{axis} becomes the axis's name.")] = "fdd/{axis}/blocks",
-    map_: options.MapOption = None,
-    axis: options.AxisOption = None,
-    speed: options.SpeedOption = "1",
+    map_: command.MapOption = None,
+    axis: command.AxisOption = None,
+    speed: command.SpeedOption = "1",
     jitter: Annotated[float, typer.Option(min=0.0, help="s that a block is held up at most.")] = 0.0,
     loss: Annotated[float, typer.Option(min=0.0, max=1.0, help="Share of blocks that are never sent.")] = 0.0,
     shuffle: Annotated[

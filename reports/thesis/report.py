@@ -10,8 +10,8 @@ from typing import Annotated, Literal, NamedTuple
 
 import typer
 
+from fdd.campaign.card import table
 from fdd.cli.console import progress
-from fdd.markdown import table
 from fdd.plant.details import Details
 from fdd.unit import Unit
 from reports.thesis import control, flow, friction, response

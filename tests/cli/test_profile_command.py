@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from fdd.data_sheet.accumulator import accumulator_volumes
-from fdd.data_sheet.plausibility import derived, unit_remarks
+from fdd.data_sheet.plausibility import accumulator_volumes, derived, unit_remarks
 from fdd.data_sheet.profile import QUESTIONS
 from fdd.unit import Unit
 

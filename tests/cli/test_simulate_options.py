@@ -31,7 +31,7 @@ def asked(ran, tmp_path, monkeypatch) -> Any:
         ran("simulate", "-o", tmp_path / "run.mcap", *arguments)
         return kept.pop()
 
-    monkeypatch.setattr("fdd.plant.to_file.write_simulation", write)
+    monkeypatch.setattr("fdd.cli.simulate.write_simulation", write)
     return ask
 
 

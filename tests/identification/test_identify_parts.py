@@ -14,13 +14,13 @@ from typer.testing import CliRunner
 
 from fdd import InputError, Samples, Scenario, identify
 from fdd.cli.app import app
+from fdd.cli.simulate import write_simulation
 from fdd.diagnosis.baseline import add_baseline
 from fdd.identification.friction import curve, fit_friction
 from fdd.identification.from_logs import add_logs
 from fdd.identification.identify import identify_unit
 from fdd.identification.record import Record, effective_noise, resolution, welch
 from fdd.plant import oil as plant_oil
-from fdd.plant.to_file import write_simulation
 from fdd.residuals.oil import air_compliance, free_air
 from fdd.unit import Cylinder, Unit
 

@@ -14,7 +14,7 @@ from fdd.plant.faults import FaultScales, FaultSpec
 from fdd.plant.sensors import KNOWN, MEASURED, ChannelSensor, Recorder, Rows, range_of
 from fdd.plant.sensors.faults import DROPOUTS, PLAY, position_offset, sensor_fault
 from fdd.plant.sensors.recording import Recording
-from fdd.sensor import CurrentLoop, Sensor
+from fdd.sections import CurrentLoop, Sensor
 
 UNIT = Unit.load("axis_a")
 TIME = np.arange(60_000) * 1e-3

@@ -11,7 +11,7 @@ from scipy.signal import butter, sosfilt
 from fdd import Samples, Unit
 from fdd.residuals.bins import BIN_S, COLUMNS, FAST, FRAME_BINS, FRAME_S, PRESLIDING_TRAVEL_M, BinMaker
 from fdd.residuals.compiled import LUBRICATION_LAG_S
-from fdd.sensor import Sensor
+from fdd.sections import Sensor
 
 UNIT = Unit.load("axis_a")
 RATE_HZ = 1000

@@ -12,7 +12,7 @@ from scipy import integrate, stats
 
 from fdd import Samples, Scenario, Unit
 from fdd.plant.simulate import Simulation, simulate
-from fdd.sensor import Sensor
+from fdd.sections import Sensor
 from fdd.sensors import SensorWatch
 from fdd.sensors.finding import Kind, Memory, SensorFindings
 from fdd.sensors.jumps import BREAKS_LOOSE, NOISE_REACH, excess

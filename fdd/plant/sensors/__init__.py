@@ -22,7 +22,7 @@ from fdd.plant.faults import FaultScales, FaultSpec
 from fdd.plant.sensors.faults import USUAL, SensorFault, sensor_fault, struck_channel
 from fdd.plant.sensors.recording import NanBursts, Recording, generator
 from fdd.samples import Samples
-from fdd.sensor import Sensor
+from fdd.sections import Sensor
 from fdd.unit import Unit
 
 MEASURED = (

@@ -16,7 +16,7 @@ from fdd.plant import PERIOD, Array
 from fdd.plant.compiled import njit
 from fdd.plant.faults import FaultScales, FaultSpec
 from fdd.plant.sensors.recording import Recording, generator
-from fdd.sensor import Sensor
+from fdd.sections import Sensor
 
 USUAL = FaultScales()
 DRIFTED = 50.0
