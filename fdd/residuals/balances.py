@@ -10,6 +10,7 @@ viscosity over the reference's, ω speed, s_i = ±1 for chamber 1 and 2.
 volume         s(D Δθ - A Δx) of each chamber that no valve feeds (thesis eqs 3.14 to 3.17), m³
 force          A_1 p_1 - A_2 p_2, by load and friction (eq. 3.30 and 5.12), over Coulomb friction
 torque         motor current by shaft torque, friction and inertia (eq. 4.10), over that at relief pressure
+shaft          lines of the motor current once and twice a turn, over that at relief pressure
 coherence      measured Δp by p_1 and p_2: lines and sensors, over relief pressure
 refeed         p_c - p_i of the side that is fed: its check valve's drop, over that at full flow; where p_c is
                not measured, how far the lower side is below charge pressure, over that
