@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +31,9 @@ from fdd.errors import InputError
 from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.bins import FRAME_BINS, FRAME_S, BinMaker
-from fdd.residuals.tracked import Tracked, packed, unpacked
+from fdd.residuals.tracked import Tracked
 from fdd.residuals.tracking import OBSERVABLE, estimates
+from fdd.restorable import Restorable, packed, unpacked
 from fdd.samples import Samples
 from fdd.sensors import SensorWatch
 from fdd.sensors.finding import FAILING
@@ -44,7 +45,7 @@ SCAN_FRAMES, VERDICT_FRAMES = 10, 16
 """Frames between two evaluations of the evidence (5 s), and the fewest that allow a verdict (8 s)."""
 WINDOW_FRAMES = 300
 """Frames that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "24"
+STATE_VERSION = "25"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Evaluations in a minute, and how many a monitor remembers: an hour."""
 EPOCHS = Stretches(frames=1, least=1.0)
@@ -55,7 +56,7 @@ WORTH_A_THREAD = 2000
 """Samples from which on handing a block over costs less than it saves."""
 
 
-class Pipeline:
+class Pipeline(Restorable):
     """Diagnose one axis from its samples.
 
     Parameters
@@ -82,6 +83,11 @@ class Pipeline:
     []
     """
 
+    STATE = (
+        "axis", "log", "_sensors", "_tracked", "_bins", "_history", "_first_time", "_last_time", "_count",
+        "_acute", "_slow", "_epochs", "_hidden", "_told", "_scans",
+    )  # fmt: skip
+
     def __init__(
         self, unit: Unit, model: Model | None = None, *, axis: str = "axis", log: str = "",
         keep_trajectories: bool = True, without: Collection[str] = (), trackers: Collection[str] = (),
@@ -94,10 +100,6 @@ class Pipeline:
         self._added = [AddedTracker(name, unit) for name in dict.fromkeys(trackers)]
         self._bins = BinMaker(unit, SCAN_FRAMES)
         self._history = BalanceHistory(unit, self._effects)
-        self._parts: dict[str, Tracked | BinMaker | BalanceHistory | SensorWatch] = {
-            "tracked": self._tracked, "bins": self._bins, "history": self._history, "sensors": self._sensors,
-        }  # fmt: skip
-        """What has a state of its own, by the prefix of its arrays."""
         self._hypotheses = [h for h in hypotheses(unit, self._effects) if h.fault not in without]
         self._first_time = self._last_time = np.nan
         self._count = 0
@@ -358,46 +360,18 @@ class Pipeline:
         )  # fmt: skip
 
     def state(self) -> dict[str, Array]:
-        """The whole state as flat named arrays; `np.savez` writes it, `restore` takes it back.
-
-        Raises
-        ------
-        ValueError : trackers of packages run, whose state nobody knows.
-        """
+        """The whole state as flat named arrays; `np.savez` writes it, `restore` takes it back. Raises
+        ValueError: trackers of packages run, whose state nobody knows."""
         if self._added:
             raise ValueError("a pipeline with trackers of packages has no state that could be saved")
-        scalars: dict[str, Any] = {
-            "version": STATE_VERSION, "axis": self.axis, "log": self.log, "unit": self.unit.name,
-            "model": self.model.sha256, "first": self._first_time, "last": self._last_time,
-            "count": self._count, "acute": self._acute.state(), "slow": self._slow.state(),
-            "epochs": self._epochs, "hidden": self._hidden, "told": sorted(self._told),
-            "scans": self._scans[-SCANS_KEPT:],
-        }  # fmt: skip
-        out = {"pipeline": packed(scalars)}
-        for prefix, part in self._parts.items():
-            out.update({f"{prefix}:{k}": v for k, v in part.state().items()})
-        return out
+        return super().state() | {"about": packed([STATE_VERSION, self.model.sha256, self.unit.name])}
 
-    def restore(self, state: dict[str, Array]) -> None:
-        """Go on from a state that `state` gave, on the same unit and model.
-
-        Raises
-        ------
-        InputError : a state of another version, unit or model.
-        """
-        scalars = unpacked(state["pipeline"]) if "pipeline" in state else {}
-        if scalars.get("version") != STATE_VERSION or scalars.get("model") != self.model.sha256:
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Go on from a state that `state` gave. Raises InputError: of another version, unit or model."""
+        about = unpacked(state["about"]) if "about" in state else []
+        if about[:2] != [STATE_VERSION, self.model.sha256]:
             raise InputError("saved state of another version or model", mend="start anew")
-        if scalars["unit"] != self.unit.name:
-            problem = f"saved state of unit {scalars['unit']!r}, not {self.unit.name!r}"
+        if about[2:] != [self.unit.name]:
+            problem = f"saved state of unit {about[-1]!r}, not {self.unit.name!r}"
             raise InputError(problem, mend="start anew")
-        for name, part in self._parts.items():
-            own = (k for k in state if k.startswith(f"{name}:"))
-            part.restore({k.removeprefix(f"{name}:"): state[k] for k in own})
-        self.axis, self.log = scalars["axis"], scalars["log"]
-        self._first_time, self._last_time, self._count = scalars["first"], scalars["last"], scalars["count"]
-        self._acute.restore(scalars["acute"])
-        self._slow.restore(scalars["slow"])
-        self._epochs, self._hidden = int(scalars["epochs"]), scalars["hidden"]
-        self._told = {(channel, kind) for channel, kind in scalars["told"]}
-        self._scans = [(float(a), float(b)) for a, b in scalars["scans"]]
+        super().restore(state)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from fdd.diagnosis.answering import Span, fault_finding
 from fdd.diagnosis.decision import Found, decide
@@ -15,6 +14,7 @@ from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.model import Model
 from fdd.faults import fault
+from fdd.restorable import Restorable
 
 EVALUATIONS = 3
 """Consecutive evaluations above the threshold that raise a fault: an on-delay of ten seconds (ISA-18.2)
@@ -112,28 +112,8 @@ class ActiveFaults:
         alarms = ((k, f) for k, f in self.alarms.items() if k not in seen)
         return [f for k, f in alarms if f.onset_s < start or k in self.recovered]
 
-    def state(self) -> dict[str, Any]:
-        """All of it, as JSON takes it."""
-        return {
-            "alarms": {k: f.model_dump() for k, f in self.alarms.items()},
-            "now": {k: (f.model_dump(), n) for k, (f, n) in self.now.items()},
-            "labels": self.labels, "fault_intervals": self.fault_intervals,
-            "recovered": sorted(self.recovered),
-        }  # fmt: skip
 
-    @classmethod
-    def of(cls, state: dict[str, Any]) -> ActiveFaults:
-        """What `state` gave."""
-        return cls(
-            alarms={k: FaultFinding.model_validate(f) for k, f in state["alarms"].items()},
-            now={k: (FaultFinding.model_validate(f), int(n)) for k, (f, n) in state["now"].items()},
-            labels=dict(state["labels"]),
-            fault_intervals=[(float(a), float(b)) for a, b in state["fault_intervals"]],
-            recovered=set(state["recovered"]),
-        )
-
-
-class SequentialDetector:
+class SequentialDetector(Restorable):
     """Detects faults on one time scale (the window of frames, or the epochs of an axis's life).
 
     Parameters
@@ -146,6 +126,9 @@ class SequentialDetector:
     ----------
     active : faults. at : s, end of the data at the last evaluation that was taken; 0 before it.
     """
+
+    STATE = ("active", "at", "_scores")
+    STATE_CLASSES = (ActiveFaults, FaultFinding)
 
     def __init__(
         self, hypotheses: Sequence[Hypothesis], threshold: float, model: Model, *, unknown: bool = True
@@ -203,15 +186,6 @@ class SequentialDetector:
         """Let an evaluation count; see `ActiveFaults.take`."""
         self.at, self._scores = evaluation.now, evaluation.scores
         return self.active.take(evaluation, oldest)
-
-    def state(self) -> dict[str, Any]:
-        """All of it, as JSON takes it."""
-        return {"active": self.active.state(), "at": self.at, "scores": self._scores}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from what `state` gave."""
-        self.active, self.at = ActiveFaults.of(state["active"]), float(state["at"])
-        self._scores = [float(s) for s in state["scores"]]
 
 
 def _family(found: Found) -> str:

@@ -16,6 +16,7 @@ from fdd.errors import InputError
 from fdd.logs.channel_map import ChannelMap, ChannelSource, to_si
 from fdd.logs.grid import grid_steps
 from fdd.logs.quality import COUNTED_GAP, JUMP_PERIODS, nominal_period
+from fdd.restorable import Restorable
 from fdd.samples import CHANNELS
 
 Array = NDArray[np.float64]
@@ -122,7 +123,7 @@ def _number(value: float | None) -> float:
         return float("inf")
 
 
-class StreamClock:
+class StreamClock(Restorable):
     """Turn a sender's stamps into times that only go on.
 
     `last_time`: s, of the last row given; `offset`: s, added to the sender's stamps; `late`: rows that came
@@ -135,6 +136,8 @@ class StreamClock:
     >>> times[kept].round(3).tolist(), clock.late, clock.resets
     ([5.0, 5.1, 6.1, 6.2], 1, 1)
     """
+
+    STATE = ("last_time", "offset", "late", "resets")
 
     def __init__(self) -> None:
         self.last_time = self.offset = float("nan")
@@ -176,7 +179,7 @@ class StreamClock:
         return out
 
 
-class Gaps:
+class Gaps(Restorable):
     """Count missing rows and jumps of a stream, however it is cut; the first steps tell the period.
 
     `dropped`, `jumps`: rows missing on the grid of the period; gaps of more than `JUMP_PERIODS` periods.
@@ -191,6 +194,8 @@ class Gaps:
     >>> gaps.dropped, gaps.jumps
     (2, 0)
     """
+
+    STATE = ("dropped", "jumps", "period", "rest", "waiting")
 
     def __init__(self) -> None:
         self.dropped = self.jumps = 0

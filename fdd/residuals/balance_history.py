@@ -3,18 +3,19 @@ ones."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS, below
+from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS
 from fdd.residuals.effects import Effects, LogConditions, viscous_change, with_logs
 from fdd.residuals.epochs import Epochs
 from fdd.residuals.normal_equations import RECENT_FRAMES, NormalEquations, RegressionAccumulator, marginalised
 from fdd.residuals.quantities import Quantities, Scales, settled
+from fdd.restorable import Restorable
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
@@ -30,9 +31,15 @@ MOST_FRAMES = 20
 """Frames that are computed at a time: their columns still fit the processor's cache."""
 
 
-class BalanceHistory:
+class BalanceHistory(Restorable):
     """All balances of an axis: a window of frames, the reference before it, and the epochs of its life.
     `effects` has this unit's by balance."""
+
+    STATE = (
+        "regressions", "tail", "frames", "equations", "surroundings", "reference", "epochs", "last",
+        "folded", "taken", "_misfits", "_accumulator",
+    )  # fmt: skip
+    STATE_CLASSES = (NormalEquations, Effects)
 
     def __init__(self, unit: Unit, effects: dict[str, Effects]) -> None:
         self.unit = unit
@@ -264,51 +271,10 @@ class BalanceHistory:
         self.frames = [self.frames[k] for k in kept]
         self.surroundings = [self.surroundings[k] for k in kept]
 
-    def state(self) -> dict[str, Array]:
-        """Everything as flat named arrays."""
-        out: dict[str, Array] = {
-            "frames": np.array(self.frames), "tail": self.tail,
-            "folded": np.array([self.folded, self.taken, self.last]),
-            "accumulator": np.array(self._accumulator),
-            "surroundings": np.array(self.surroundings).reshape(-1, SURROUNDINGS),
-            "misfits": np.array(self._misfits).reshape(-1, len(BALANCES)),
-        }  # fmt: skip
-        for name, regression in self.regressions.items():
-            sums = _stacked(self.equations[name], len(BALANCES[name].columns))
-            for k, part in zip("mvrs", sums, strict=True):
-                out[f"{name}/{k}"] = part
-            out[f"{name}/noise"] = np.array([regression.weight, regression.variance_sum])
-            out[f"{name}/level"] = regression.level
-            out[f"{name}/phasors"] = regression.phasors
-            out[f"{name}/lengths"] = np.array([len(r) for r in regression.recent])
-            out[f"{name}/recent"] = np.concatenate(regression.recent or [np.empty((0, 0))])
-            out[f"{name}/mean"] = self.reference[name].mean
-            out[f"{name}/covariance"] = self.reference[name].covariance
-        out |= {f"epochs/{k}": v for k, v in self.epochs.state().items()}
-        return {k: np.array(v) for k, v in out.items()}
-
-    def restore(self, state: dict[str, Array]) -> None:
-        """Go on from what `state` gave for the same unit."""
-        self.frames = [int(h) for h in state["frames"]]
-        self.tail = state["tail"].copy()
-        self.epochs.restore(below(state, "epochs/"))
-        self.folded, self.taken, self.last = (int(x) for x in state["folded"])
-        self._accumulator = float(state["accumulator"])
-        self.surroundings = state["surroundings"].tolist()
-        self._misfits = state["misfits"].tolist()
-        reference: dict[str, Effects] = {}
-        for name, regression in self.regressions.items():
-            m, v, r, s = (state[f"{name}/{k}"] for k in "mvrs")
-            self.equations[name] = [*map(NormalEquations, m, v, r.tolist(), s.tolist())]
-            self._marginal[name] = []
-            regression.weight, regression.variance_sum = (float(x) for x in state[f"{name}/noise"])
-            regression.level = state[f"{name}/level"].copy()
-            regression.phasors = state[f"{name}/phasors"].copy()
-            ends = np.cumsum(state[f"{name}/lengths"]).astype(np.int64)
-            regression.recent = np.split(state[f"{name}/recent"], ends[:-1]) if ends.size else []
-            mean, covariance = state[f"{name}/mean"].copy(), state[f"{name}/covariance"].copy()
-            reference[name] = replace(self.effects[name], mean=mean, covariance=covariance)
-        self.reference = reference
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """See `Restorable`; what is worked out once is worked out again."""
+        super().restore(state)
+        self._marginal = {name: [] for name in BALANCES}
 
 
 def _stacked(equations: list[NormalEquations], n: int) -> tuple[Array, Array, Array, Array]:

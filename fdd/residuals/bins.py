@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.compiled import follow, friction, windowed_means
 from fdd.residuals.oil import DRAINS, sure_mean_pressure, viscosity_ratio
+from fdd.restorable import Restorable
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -81,7 +82,7 @@ LOWER_QUARTILE = np.array(
 plotting positions (1978, doi 10.1016/0022-1694(78)90017-3)."""
 
 
-class BinMaker:
+class BinMaker(Restorable):
     """Samples in, bins of complete frames out.
 
     Parameters
@@ -93,6 +94,8 @@ class BinMaker:
     frame : index of the first frame not yet given. jumps : begin, end and decision (s) of the position's
         jumps, as `fdd.sensors.SensorWatch.take_jumps` gives them: no piston moved there.
     """
+
+    STATE = ("frame", "_first", "jumps", "_waiting", "_memory")
 
     def __init__(self, unit: Unit, together: int = 1) -> None:
         self.unit, self.together = unit, together
@@ -165,26 +168,9 @@ class BinMaker:
         return first, bins
 
     def state(self) -> dict[str, Array]:
-        """What waits, and the filters' memory, as flat named arrays."""
-        out: dict[str, Array] = {
-            "frame": np.array([self.frame, self._first]),
-            "jumps": np.array(self.jumps).reshape(-1, 3),
-            **{name: values.copy() for name, values in self._memory.items()},
-        }
-        if self._waiting:
-            joined = Samples.concatenate(self._waiting)
-            out["time"] = joined.time
-            out.update({f"channel/{n}": joined[n] for n in joined.channels})
-        return out
-
-    def restore(self, state: dict[str, Array]) -> None:
-        """Go on from what `state` gave."""
-        self.frame, self._first = (int(x) for x in state["frame"])
-        self._memory = {name: state[name].copy() for name in self._memory}
-        self.jumps = [(float(a), float(b), float(c)) for a, b, c in state["jumps"]]
-        self._waiting = []
-        if "time" in state:
-            self._waiting = [Samples(state["time"], below(state, "channel/"))]
+        """See `Restorable`; what waits is joined, as it is often many rows by themselves."""
+        self._waiting = [Samples.concatenate(self._waiting)] if self._waiting else []
+        return super().state()
 
     def _bins(self, samples: Samples, first: int, until: int) -> Array:
         n = len(samples)
@@ -354,11 +340,6 @@ class BinMaker:
         stiffness = 0.5 * (forward[1] + reverse[1]) / PRESLIDING_TRAVEL_M
         friction(step, dt, self._memory["seal"], forward, reverse, stiffness, out, film)
         data[known, COLUMNS["friction"]], data[known, COLUMNS["sliding"]] = out, film
-
-
-def below(state: dict[str, Array], prefix: str) -> dict[str, Array]:
-    """The part of a state whose names begin with a prefix, without it."""
-    return {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
 
 
 def held_on(values: Array, before: float) -> Array:

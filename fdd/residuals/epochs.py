@@ -17,6 +17,7 @@ from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects, usual_conditions
 from fdd.residuals.normal_equations import marginalised
+from fdd.restorable import Restorable
 
 Array = NDArray[np.float64]
 BalanceSums = Mapping[str, tuple[Array, Array]]
@@ -29,8 +30,10 @@ EPOCHS_EACH = 16
 takes ten times as many, and an onset is known to a fifteenth of its age or better."""
 
 
-class Epochs:
+class Epochs(Restorable):
     """Normal equations of each epoch and balance; the last epoch may be incomplete."""
+
+    STATE = ("_first", "_levels", "_open", "_sums", "completed")
 
     def __init__(self) -> None:
         self._first: list[int] = []
@@ -111,30 +114,6 @@ class Epochs:
                 std = np.sqrt(e.between_logs(usual_conditions(e.noise)))
                 out[name] = marginalised(np.array(m), np.array(v), std)
         return out
-
-    def state(self) -> dict[str, Array]:
-        """Everything as flat named arrays."""
-        out: dict[str, Array] = {
-            "first": np.array(self._first, dtype=np.float64),
-            "levels": np.array([*self._levels, self._open, self.completed], dtype=np.float64),
-        }
-        for name in BALANCES:
-            at = [k for k, sums in enumerate(self._sums) if name in sums]
-            if at:
-                out[f"{name}/at"] = np.array(at, dtype=np.float64)
-                out[f"{name}/m"], out[f"{name}/v"] = (
-                    np.array([self._sums[k][name][i] for k in at]) for i in range(2)
-                )
-        return out
-
-    def restore(self, state: Mapping[str, Array]) -> None:
-        """Go on from what `state` gave."""
-        self._first = [int(k) for k in state["first"]]
-        *self._levels, self._open, self.completed = (int(n) for n in state["levels"])
-        self._sums = [{} for _ in self._first]
-        for name in BALANCES:
-            for i, k in enumerate(state.get(f"{name}/at", np.empty(0)).astype(np.int64).tolist()):
-                self._sums[k][name] = state[f"{name}/m"][i].copy(), state[f"{name}/v"][i].copy()
 
 
 def _added(one: BalanceSums, other: BalanceSums) -> dict[str, tuple[Array, Array]]:

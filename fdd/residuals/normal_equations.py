@@ -18,6 +18,7 @@ from fdd.residuals.balances import Balance, RegressionBlock
 from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
 from fdd.residuals.compiled import njit
 from fdd.residuals.effects import Effects
+from fdd.restorable import Restorable
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -66,9 +67,11 @@ class NormalEquations(NamedTuple):
     variance: float
 
 
-class RegressionAccumulator:
+class RegressionAccumulator(Restorable):
     """Accumulates one balance's regression: normal equations, noise variance, correlation of errors. Of the
     effects it takes the coefficients' mean and the initial noise."""
+
+    STATE = ("weight", "variance_sum", "recent", "level", "phasors")
 
     def __init__(self, balance: Balance, effects: Effects) -> None:
         self.balance = balance

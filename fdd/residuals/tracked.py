@@ -6,9 +6,7 @@ channels have values are skipped.
 
 from __future__ import annotations
 
-import json
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +15,9 @@ from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.observability import Observability, Observed
 from fdd.errors import InputError
-from fdd.residuals.bins import STOP_S, below
+from fdd.residuals.bins import STOP_S
 from fdd.residuals.tracking import METHODS, OBSERVABLE, Channels, Tracking, new_watch, watched
+from fdd.restorable import Restorable
 from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
 
@@ -29,7 +28,7 @@ HELD_BACK = 500
 enough."""
 
 
-class Tracked:
+class Tracked(Restorable):
     """Run the estimators over blocks and keep what they say.
 
     Parameters
@@ -43,6 +42,11 @@ class Tracked:
     >>> tracked.channels
     ()
     """
+
+    STATE = (
+        "keep", "lost", "_last", "_held", "last_records", "_kept", "_unwatched", "_watch", "_setup",
+        "tracking",
+    )  # fmt: skip
 
     def __init__(self, unit: Unit, *, keep: bool = False) -> None:
         self.unit = unit
@@ -159,50 +163,16 @@ class Tracked:
         return watched(watch, records, self.unit, tracker.model, tracker.noise)
 
     def state(self) -> dict[str, Array]:
-        """The whole state as flat named arrays."""
+        """See `Restorable`; what waits or is kept in many parts is worked or joined first."""
         self._catch_up()
-        scalars = {
-            "keep": self.keep, "lost": self.lost, "last": self._last, "channels": list(self.channels) or None,
-            "period": None if self.tracking is None else self.tracking.period,
-        }  # fmt: skip
-        out: dict[str, Array] = {"tracked": packed(scalars)}
-        if self._held:
-            joined = Samples.concatenate(self._held)
-            out["held/time"] = joined.time
-            out.update({f"held/{n}": joined[n] for n in joined.channels})
-        for m in METHODS:
-            out[f"last/{m}"] = self.last_records[m].view(np.float64)
-            if self._kept[m]:
-                out[f"kept/{m}"] = np.concatenate(self._kept[m]).view(np.float64)
-        out.update({f"watch/{k}": v for k, v in self._watch.state().items()})
-        if self.tracking is not None:
-            for m, arrays in self.tracking.state().items():
-                out.update({f"tracker/{m}/{k}": v for k, v in arrays.items()})
-        return {k: np.array(v) for k, v in out.items()}
+        self._kept = {m: [np.concatenate(parts)] if parts else [] for m, parts in self._kept.items()}
+        return super().state()
 
-    def restore(self, state: dict[str, Array]) -> None:
-        """Go on from a state that `state` gave for the same unit."""
-        scalars = unpacked(state["tracked"])
-        self.keep, self.lost, self._last = scalars["keep"], scalars["lost"], scalars["last"]
-        held = below(state, "held/")
-        self._held = [Samples(held.pop("time"), held)] if held else []
-        for m in METHODS:
-            self.last_records[m] = state[f"last/{m}"].flatten().view(layout.RECORD)
-            self._kept[m] = [state[f"kept/{m}"].flatten().view(layout.RECORD)] if f"kept/{m}" in state else []
-        self._unwatched = []
-        self._watch.restore(below(state, "watch/"))
-        self.tracking = None
-        if scalars["channels"] is not None:
-            self.tracking = Tracking(self.unit, Channels(tuple(scalars["channels"])), scalars["period"])
-            self.tracking.restore({m: below(state, f"tracker/{m}/") for m in METHODS})
+    @property
+    def _setup(self) -> tuple[tuple[str, ...], float] | None:
+        """Channels and period of the estimators, of which they are made again."""
+        return None if self.tracking is None else (self.channels, self.tracking.period)
 
-
-def unpacked(data: Array) -> dict[str, Any]:
-    """JSON scalars that a state carries as bytes."""
-    found: dict[str, Any] = json.loads(bytes(np.asarray(data, dtype=np.uint8)).decode())
-    return found
-
-
-def packed(scalars: dict[str, Any]) -> Array:
-    """JSON scalars as bytes, to travel among a state's arrays."""
-    return np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)
+    @_setup.setter
+    def _setup(self, setup: tuple[tuple[str, ...], float] | None) -> None:
+        self.tracking = None if setup is None else Tracking(self.unit, Channels(setup[0]), setup[1])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from estimators.eha.tracker import EhaTracker
 from estimators.eha.walk import drifts
 from estimators.observability import Observability, Observed
 from fdd.residuals.oil import viscosity_ratio
+from fdd.restorable import Restorable
 from fdd.samples import Samples
 from fdd.tolerances import RELIEF_SHUT
 from fdd.unit import FrictionBranch, Unit
@@ -115,8 +115,10 @@ class Channels:
         return cls(tuple(n for n in samples.channels if np.isfinite(samples[n]).any()))
 
 
-class Tracking:
+class Tracking(Restorable):
     """EKF and SVSF side by side on the same samples, of a nominal period in s."""
+
+    STATE = ("trackers",)
 
     def __init__(self, unit: Unit, channels: Channels, period: float) -> None:
         self.unit = unit
@@ -151,15 +153,6 @@ class Tracking:
     def push(self, block: Array) -> dict[str, layout.Records]:
         """Run both filters over a block from `block`; records of each."""
         return {method: t.push(block) for method, t in self.trackers.items()}
-
-    def state(self) -> dict[str, Any]:
-        """State of both filters, nested dicts of arrays."""
-        return {method: t.state() for method, t in self.trackers.items()}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Take back what `state` gave."""
-        for method, t in self.trackers.items():
-            t.restore(state[method])
 
 
 def estimates(

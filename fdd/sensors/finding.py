@@ -5,13 +5,13 @@ A finding says the kind of failure, its time, its size and the reason. Memory is
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from fdd.faults import fault as catalogue_fault
+from fdd.restorable import Restorable
 from fdd.sensors.limits import NAMES, Array
 
 Kind = Literal[
@@ -144,7 +144,7 @@ class Memory(NamedTuple):
         return cls(*(np.full(SHAPES.get(n, (COUNT,)), STARTS.get(n, 0.0)) for n in cls._fields))
 
 
-class SensorFindings:
+class SensorFindings(Restorable):
     """Findings so far, by channel and kind, and which channels fail in the frame that is judged now.
 
     Attributes
@@ -153,19 +153,18 @@ class SensorFindings:
         and end of the frame in which it was decided (s) of the position's jumps.
     """
 
-    def __init__(self, memory: Memory, findings: Iterable[SensorFinding] = ()) -> None:
+    STATE = ("memory", "_found", "jumps")
+    STATE_CLASSES = (Memory, SensorFinding)
+
+    def __init__(self, memory: Memory) -> None:
         self.memory = memory
-        self._found = {(f.channel, str(f.kind)): f for f in findings}
+        self._found: dict[tuple[str, str], SensorFinding] = {}
         self.jumps: list[tuple[float, float, float]] = []
         self.begin_frame(np.nan)
 
     def begin_frame(self, end: float) -> None:
         """What is reported from now on was decided in the frame until `end` (s)."""
         self.end, self.failing = end, np.zeros(len(NAMES), np.bool_)
-
-    def events(self) -> list[SensorFinding]:
-        """One for each channel and kind, as `__init__` takes them."""
-        return list(self._found.values())
 
     def by_onset(self) -> list[SensorFinding]:
         """In the order of their onsets, the position's jumps taken together.

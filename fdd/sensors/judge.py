@@ -30,7 +30,7 @@ class FrameJudge:
     """Judge frame after frame, by a unit's limits and by what `findings` keeps of the channels."""
 
     def __init__(self, limits: Limits, findings: SensorFindings) -> None:
-        self.limits, self.memory, self.findings = limits, findings.memory, findings
+        self.limits, self.findings = limits, findings
         self._jumps = JumpWatch(limits, findings)
 
     def judge(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
@@ -38,7 +38,7 @@ class FrameJudge:
 
         Those before are the tail of the frame before; `impossible` (12, m) says what `impossible_rows` took.
         """
-        memory, limits = self.memory, self.limits
+        memory, limits = self.findings.memory, self.limits
         self.findings.begin_frame(end)
         failing = self.findings.failing
         swept = swept_volume(time, values, limits, memory)
@@ -66,7 +66,7 @@ class FrameJudge:
 
     def _learn(self, frame: Scan, kind: int, good: Mask) -> None:
         """Learn the range of healthy behaviour from good channels: repeated rows, and noise."""
-        memory = self.memory
+        memory = self.findings.memory
         # The expected longest run of N rows is about ln N / ln(1/p).
         by_run = np.maximum(memory.present, 1.0) ** (-1.0 / np.maximum(frame.longest, 1.0))
         by_run[memory.present < 2.0] = 0.0
@@ -78,7 +78,7 @@ class FrameJudge:
 
     def _absent(self, frame: Scan, end: float) -> None:
         """Gaps of channels that were there: long ones, and many short ones."""
-        memory, found = self.memory, self.findings
+        memory, found = self.findings.memory, self.findings
         for channel, since, until in frame.gaps.tolist():
             k = int(channel)
             length = (end if np.isnan(until) else until) - since
@@ -94,7 +94,7 @@ class FrameJudge:
 
     def _constant(self, frame: Scan, kind: int, end: float) -> Mask:
         """Runs of one value that are too long; (12,) which channels had some."""
-        memory, limits, found = self.memory, self.limits, self.findings
+        memory, limits, found = self.findings.memory, self.limits, self.findings
         held = np.zeros(len(NAMES), np.bool_)
         for channel, value, since, until, rows in frame.runs.tolist():
             k = int(channel)
@@ -136,7 +136,7 @@ class FrameJudge:
 
     def _standing(self, frame: Scan, rows: Rows, first: int) -> None:
         """A position that stays constant while the pump turns."""
-        memory, limits, pressure = self.memory, self.limits, rows.difference()
+        memory, limits, pressure = self.findings.memory, self.limits, rows.difference()
         failed = self.findings.failing[POSITION] or not frame.measured[POSITION]
         if failed or not rows.swept.size or pressure is None:
             return
@@ -175,7 +175,7 @@ class FrameJudge:
 
     def _noise(self, frame: Scan, kind: int, end: float) -> Mask:
         """Noise far beyond or below what it was; (12,) where it is."""
-        memory, limits, noise = self.memory, self.limits, frame.noise
+        memory, limits, noise = self.findings.memory, self.limits, frame.noise
         # Counts follow the motion, whose curvature is no noise.
         judged = frame.measured & ~self.findings.failing & SHOWS_NOISE & (IS_LIVE | (limits.noise > 0.0))
         judged &= memory.frames[kind] >= LEARNT_FRAMES
@@ -204,7 +204,7 @@ class FrameJudge:
 
         One alone may have a profile that is wrong; it is judged when the pump turns.
         """
-        memory = self.memory
+        memory = self.findings.memory
         alive = (memory.present > 0) & (self.limits.repeat < 1.0) & own
         silent = alive & (memory.changed == 0.0) & (end - memory.run_since >= SILENT_S)
         if alive.sum() < 2 or not (silent == alive).all():
@@ -216,7 +216,7 @@ class FrameJudge:
 
     def _lost_together(self, own: Mask) -> None:
         """A lost supply of channels that fell silent at the same instant."""
-        memory, failing = self.memory, self.findings.failing
+        memory, failing = self.findings.memory, self.findings.failing
         rests_at_0 = (memory.run_value == 0.0) & (np.abs(memory.last_value) > 0.0) & (memory.run_rows > 1)
         for k in np.flatnonzero(failing & own).tolist():
             onset = float(memory.failed_since[k])
@@ -239,7 +239,7 @@ class FrameJudge:
     def _recover(self, end: float) -> None:
         """Trust channels again after `GOOD_FRAMES` without a failure; they count as good from the first of
         these."""
-        memory = self.memory
+        memory = self.findings.memory
         for k in np.flatnonzero(~np.isnan(memory.failed_since)).tolist():
             # A silent one still shows the value of its failure.
             silent = memory.run_since[k] <= memory.failed_since[k] + SAME_INSTANT_S

@@ -39,11 +39,11 @@ class JumpWatch:
     """Look for jumps in each frame; see `FrameJudge`."""
 
     def __init__(self, limits: Limits, findings: SensorFindings) -> None:
-        self.limits, self.memory, self.findings = limits, findings.memory, findings
+        self.limits, self.findings = limits, findings
 
     def judge(self, rows: Rows, seen: Array, end: float) -> None:
         """Judge what came `DEFERRED_S` before the frame until `end` (s); `seen` (12,) counts the values."""
-        limits, memory, time = self.limits, self.memory, rows.time
+        limits, memory, time = self.limits, self.findings.memory, rows.time
         # A loose contact's jumps are reported as such; a biased pressure is still watched, for the step back.
         judged = IS_JUDGED & (seen > 0.0) & ~self.findings.failing & (memory.held_until <= time[0])
         judged &= np.isnan(memory.failed_since) | (memory.biased != 0.0)
@@ -108,7 +108,7 @@ class JumpWatch:
         if not rows.swept.size or row - first < HELD_ROWS:
             return None
         since, moved = float(rows.time[first]), float(rows.swept[row] - rows.swept[first])
-        stood = self.memory.stood
+        stood = self.findings.memory.stood
         if first == 0 and abs(stood[1] - jump.time) < DEFERRED_S:  # it stood longer than there are rows
             since, moved = float(stood[0]), float(stood[2])
         caught_up = abs(moved / self.limits.area - jump.net) < 0.3 * abs(jump.net)
@@ -131,20 +131,20 @@ class JumpWatch:
 
     def _outside(self, k: int, rows: Rows, jump: Jump) -> bool:
         """Whether a pressure's new level is beyond all that an opening valve could bring."""
-        if self.memory.biased[k] * jump.net < 0.0:
+        if self.findings.memory.biased[k] * jump.net < 0.0:
             return True
         near = np.abs(rows.time - jump.time) < DEFERRED_S
         levels = [0.0, jump.before]
         signs = (1.0, -1.0) if k == DIFFERENCE else (1.0,)
         for other in (ONE, TWO, ACCUMULATOR):
             found = rows.values[other, near]
-            if other != k and np.isfinite(found).any() and np.isnan(self.memory.failed_since[other]):
+            if other != k and np.isfinite(found).any() and np.isnan(self.findings.memory.failed_since[other]):
                 levels += [s * float(np.nanmedian(found)) for s in signs]
         after, slack = jump.before + jump.net, 4.0 * max(rows.noise[k], self.limits.noise[k])
         return bool(after > max(levels) + slack or after < min(levels) - slack)
 
     def _tell_step(self, k: int, jump: Jump) -> None:
-        memory = self.memory
+        memory = self.findings.memory
         after = memory.biased[k] + jump.net
         if memory.biased[k] != 0.0 and abs(after) < 0.3 * abs(jump.net):
             memory.biased[k] = 0.0

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from fdd.errors import InputError
+from fdd.restorable import Restorable, packed, unpacked
 from fdd.samples import Samples
 from fdd.sensors.compiled import njit
 from fdd.sensors.finding import FAILING, Memory, SensorFinding, SensorFindings
@@ -18,14 +18,14 @@ from fdd.sensors.limits import DIFFERENCE, INDEX, NAMES, ONE, TWO, Array, Limits
 from fdd.sensors.scan import FRAME_S
 from fdd.unit import Unit
 
-STATE_VERSION = "3"
+STATE_VERSION = "4"
 TAIL_S = 0.3
 """s of a frame that are judged once more with the next one."""
 BACK_S = 0.05
 """A value that does not come back within this time has jumped for good."""
 
 
-class SensorWatch:
+class SensorWatch(Restorable):
     """Judge each channel before any hydraulics: which may be trusted, and since when not.
 
     Verdicts fall at the ends of frames of half a second, counted from the first row, once a row after the
@@ -48,6 +48,8 @@ class SensorWatch:
     True
     """
 
+    STATE = ("_first", "_last", "_frame", "_tail", "_parts", "_findings")
+
     def __init__(self, unit: Unit) -> None:
         self.unit = unit
         self._limits = Limits.of(unit)
@@ -55,14 +57,11 @@ class SensorWatch:
         self._first, self._last, self._frame = np.nan, -np.inf, 0
         self._tail: tuple[Array, Array] = np.empty(0), np.empty((len(NAMES), 0))
         self._parts: list[tuple[Array, Array, Mask]] = []
-        self._set(Memory.new())
+        self._findings = SensorFindings(Memory.new())
+        self._judge = FrameJudge(self._limits, self._findings)
 
     def __repr__(self) -> str:
         return f"SensorWatch(unit={self.unit.name!r}, findings={len(self._findings.by_onset())})"
-
-    def _set(self, memory: Memory, findings: Iterable[SensorFinding] = ()) -> None:
-        self._memory, self._findings = memory, SensorFindings(memory, findings)
-        self._judge = FrameJudge(self._limits, self._findings)
 
     def push(self, samples: Samples) -> Samples:
         """The same samples, with NaN where a value must not be trusted.
@@ -94,7 +93,7 @@ class SensorWatch:
                 self._frame = int(frames[a])
             part = time[a:b].copy(), values[:, a:b].copy()
             begin = float(self._parts[0][0][0] if self._parts else time[a])
-            wild = impossible_rows(*part, begin, self._bounds, self._limits.dead, self._memory)
+            wild = impossible_rows(*part, begin, self._bounds, self._limits.dead, self._findings.memory)
             self._parts.append((*part, wild))
             masked[:, a:b] = wild | self._failed()[:, None]
         self._last = float(time[-1])
@@ -122,7 +121,7 @@ class SensorWatch:
         usable, says so with the time of the last such finding's onset.
         """
         out: list[dict[str, Any]] = []
-        for name in (n for n, seen in zip(NAMES, self._memory.present, strict=True) if seen > 0):
+        for name in (n for n, seen in zip(NAMES, self._findings.memory.present, strict=True) if seen > 0):
             mine = [f for f in self._findings.by_onset() if name in f.channels]
             lasting = [f for f in mine if f.kind in FAILING and f.until_s is None]
             usable = [f for f in mine if f.kind not in FAILING]
@@ -133,8 +132,8 @@ class SensorWatch:
 
     def _failed(self) -> Mask:
         """Channels out now, (12,); a Δp that was made of both chambers' fails with either."""
-        failed = ~np.isnan(self._memory.failed_since)
-        if self._memory.derived[0] == 1.0 and (failed[ONE] or failed[TWO]):
+        failed = ~np.isnan(self._findings.memory.failed_since)
+        if self._findings.memory.derived[0] == 1.0 and (failed[ONE] or failed[TWO]):
             failed[DIFFERENCE] = True
         return failed
 
@@ -156,40 +155,13 @@ class SensorWatch:
 
     def state(self) -> dict[str, Array]:
         """Everything as flat named arrays; `restore` takes it back."""
-        findings = [vars(f) for f in self._findings.events()]
-        scalars = {"version": STATE_VERSION, "unit": self.unit.name, "findings": findings}
-        out = {f"sensors_{name}": kept.copy() for name, kept in self._memory._asdict().items()}
-        nothing = np.empty((len(NAMES), 0))
-        parts = self._parts or [(np.empty(0), nothing, nothing.astype(np.bool_))]
-        return out | {
-            "sensors": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8),
-            "sensors_clock": np.array([self._first, self._last, self._frame]),
-            "sensors_tail_time": self._tail[0].copy(),
-            "sensors_tail": self._tail[1].T.copy(),
-            "sensors_frame_time": np.concatenate([p[0] for p in parts]),
-            "sensors_frame": np.concatenate([p[1] for p in parts], axis=1).T.copy(),
-            "sensors_frame_wild": np.concatenate([p[2] for p in parts], axis=1).T.copy(),
-        }
+        return super().state() | {"sensors": packed([STATE_VERSION, self.unit.name])}
 
-    def restore(self, state: dict[str, Array]) -> None:
-        """Go on from a state that `state` gave, on the same unit.
-
-        Raises
-        ------
-        InputError : a state of another version or unit.
-        """
-        scalars = json.loads(bytes(np.asarray(state["sensors"], dtype=np.uint8)))
-        if scalars["version"] != STATE_VERSION or scalars["unit"] != self.unit.name:
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Go on from a state that `state` gave. Raises InputError: of another version or unit."""
+        if unpacked(state["sensors"]) != [STATE_VERSION, self.unit.name]:
             raise InputError("saved state of another version or unit", mend="start anew")
-        memory = Memory(**{name: state[f"sensors_{name}"].copy() for name in Memory._fields})
-        found = [SensorFinding(**{**f, "channels": tuple(f["channels"])}) for f in scalars["findings"]]
-        self._set(memory, found)
-        self._first, self._last = (float(v) for v in state["sensors_clock"][:2])
-        self._frame = int(state["sensors_clock"][2])
-        self._tail = state["sensors_tail_time"].copy(), state["sensors_tail"].T.copy()
-        time = state["sensors_frame_time"]
-        frame = (time.copy(), state["sensors_frame"].T.copy(), state["sensors_frame_wild"].T.astype(np.bool_))
-        self._parts = [frame] if time.size else []
+        super().restore(state)
 
 
 @njit(nogil=True)

@@ -24,6 +24,7 @@ from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S, BinMaker
 from fdd.residuals.effects import first_effects
+from fdd.restorable import Restorable
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.order import Order
@@ -33,7 +34,7 @@ from fdd.service.store import Checkpoint, Rollup
 from fdd.unit import Unit
 
 LOG = logging.getLogger("fdd.service")
-VERSION = "3"
+VERSION = "4"
 """Of a checkpoint's form."""
 MOST_TOGETHER = 64
 """Blocks of a frame that are worked together, however short."""
@@ -59,7 +60,7 @@ class Look:
     standing: list[FaultFinding]
 
 
-class Learning:
+class Learning(Restorable):
     """Gather the balances of a unit without baseline, until it has worked for so many seconds; its state is
     in `bins` and `history`.
 
@@ -68,6 +69,8 @@ class Learning:
     >>> Learning(Unit.load("axis_a"), 1200.0).learnt() is None
     True
     """
+
+    STATE = ("bins", "history")
 
     def __init__(self, unit: Unit, seconds: float) -> None:
         self.unit, self.seconds = unit, seconds
@@ -284,7 +287,7 @@ class AxisWatch:
         """What has a state of its own, by the prefix under which a checkpoint has it."""
         parts: dict[str, Any] = {"order|": self.order, "pipeline|": self.pipeline}
         if self.learning is not None:
-            parts |= {"learning|bins:": self.learning.bins, "learning|history:": self.learning.history}
+            parts["learning|"] = self.learning
         return parts
 
     def checkpoint(self, wall: float, sequence: int = 0) -> Checkpoint:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fdd.bounds import MOST_HELD_BLOCKS
 from fdd.errors import InputError
 from fdd.monitor.stream import CLOCK_AHEAD_S, CLOCK_BACK_S, Gaps, StreamClock
+from fdd.restorable import Restorable
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 
@@ -32,7 +33,7 @@ _COUNTS = ("received", "repeated", "late", "reordered", "missing_blocks")
 _KEY = itemgetter(0)
 
 
-class Order:
+class Order(Restorable):
     """Put one axis's blocks in order, holding `hold` s of data at most (up to 1), and follow its clock.
 
     With sequence numbers a block is passed on at once when the ones before it were, and else waits until they
@@ -58,6 +59,11 @@ class Order:
     >>> order.counts["repeated"], order.counts["reordered"]
     (1, 1)
     """
+
+    STATE = (
+        "clock", "gaps", "counts", "_held", "_known", "_known_next", "_recent", "_counted", "_expected",
+        "_newest", "_passed", "_given_up",
+    )  # fmt: skip
 
     def __init__(self, hold: float = 0.5) -> None:
         self._hold = min(hold, CLOCK_BACK_S)
@@ -210,46 +216,12 @@ class Order:
         self.gaps.count(time)
         return Samples(time, columns)
 
-    def state(self) -> dict[str, Array]:
-        """All of it as named arrays, for `restore`."""
-        numbers = [float(getattr(owner, name)) for owner, name in self._numbers()]
-        held = {
-            f"order/held/{k}/{name}": values
-            for k, (key, rows) in enumerate(self._held)
-            for name, values in {"key": np.array(key), "time": rows.time, **rows.columns}.items()
-        }
-        return held | {
-            "order/numbers": np.array(numbers),
-            "order/counts": np.array([*self.counts.values()], dtype=np.float64),
-            "order/known": self._known.copy(),
-            "order/recent": self._recent,
-            "order/given_up": np.array(self._given_up, dtype=np.float64).reshape(-1, 2),
-            "order/waiting": self.gaps.waiting,
-        }
-
     def restore(self, state: Mapping[str, Array]) -> None:
         """Go on from a state. Raises InputError: it is no state of an `Order`."""
         try:
-            numbers, counts = state["order/numbers"], state["order/counts"]
-            for (owner, name), value in zip(self._numbers(), numbers, strict=True):
-                setattr(owner, name, type(getattr(owner, name))(value))
-            self.counts = {n: int(v) for n, v in zip(_COUNTS, counts, strict=True)}
-            self._known = np.array(state["order/known"]).reshape(3, _REMEMBERED)
-            self._recent, self.gaps.waiting = state["order/recent"], state["order/waiting"]
-            self._given_up = [(float(a), float(b)) for a, b in state["order/given_up"]]
-            held: dict[str, dict[str, Array]] = {}
-            for key, values in state.items():
-                if key.startswith("order/held/"):
-                    held.setdefault(key.split("/")[2], {})[key.split("/", 3)[3]] = values
-            self._held = [(float(h.pop("key")), Samples(h.pop("time"), h)) for h in held.values()]
-        except (KeyError, ValueError, TypeError, IndexError) as error:
+            super().restore(state)
+        except (KeyError, ValueError, TypeError) as error:
             raise InputError(f"no state of an order ({type(error).__name__})", mend="start anew") from None
-
-    def _numbers(self) -> list[tuple[object, str]]:
-        own = ("_known_next", "_counted", "_expected", "_newest", "_passed")
-        clock, gaps = ("last_time", "offset", "late", "resets"), ("dropped", "jumps", "period", "rest")
-        parts = (self, own), (self.clock, clock), (self.gaps, gaps)
-        return [(owner, name) for owner, names in parts for name in names]
 
 
 def _joined(parts: list[Samples]) -> tuple[Array, dict[str, Array]]:

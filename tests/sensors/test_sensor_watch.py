@@ -134,7 +134,7 @@ def test_jumps_of_one_sensor_have_one_cause(often: Kind, rare: Kind) -> None:
         found.report(POSITION, kind, 2.0 * k + 1.0, None, 1e-3, f"jump {k}")
     (one,) = found.by_onset()
     assert (one.kind, one.count, one.onset_s, one.detected_s, one.evidence) == (often, 3, 1.0, 2.0, "jump 1")
-    assert {f.kind: f.count for f in found.events()} == {rare: 1, often: 2}, "of which more may come"
+    assert {f.kind: f.count for f in found._found.values()} == {rare: 1, often: 2}, "of which more may come"
 
 
 @pytest.mark.parametrize(

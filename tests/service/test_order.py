@@ -193,7 +193,7 @@ def test_live_counts_of_what_is_missing_are_those_of_a_log(jitter):
     assert (gaps.dropped, gaps.jumps) == (told.dropped_samples, told.time_jumps) == (np.unique(gone).size, 3)
 
 
-@pytest.mark.parametrize("damage", ["order/known", "order/numbers", "order/held/0/time"])
+@pytest.mark.parametrize("damage", ["values", "arrays", "gaps/values"])
 def test_a_damaged_state_is_refused_in_one_line(damage):
     order = Order()
     order.take([steady(None, 0.0)])
