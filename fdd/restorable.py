@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from io import BytesIO
-from math import prod
+from numbers import Real
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,35 +30,39 @@ class Restorable:
 
     def state(self) -> dict[str, Array]:
         """A copy of it as named arrays. Raises TypeError: a value of a class that is not declared."""
-        out, told, data = dict[str, Array](), {}, BytesIO()
+        out, told, data = dict[str, Array](), {}, [np.empty(0, np.uint8)]
         for name in self.STATE:
             parts = _parts(name, getattr(self, name))
             told[name] = None if parts else self._written(getattr(self, name), data)
             out |= {place + k: v for place, part in parts.items() for k, v in part.state().items()}
-        return {"values": packed(told), "arrays": np.frombuffer(data.getvalue(), np.uint8), **out}
+        return {"values": packed(told), "arrays": np.concatenate(data), **out}
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Go on from what `state` gave. Raises KeyError, ValueError, TypeError: it is damaged."""
         try:
-            told, data = unpacked(state["values"]), BytesIO(state["arrays"].tobytes())
+            told, data = unpacked(state["values"]), [state["arrays"].view(np.uint8)]
             for name in self.STATE:
-                parts = _parts(name, getattr(self, name))
-                for place, part in parts.items():
+                old = getattr(self, name)
+                for place, part in _parts(name, old).items():
                     part.restore({k.removeprefix(place): v for k, v in state.items() if k.startswith(place)})
-                if not parts:
-                    setattr(self, name, self._read(told[name], data))
-            if data.read():
+                if not _parts(name, old):
+                    new = self._read(told[name], data)
+                    numbers = isinstance(old, Real) and isinstance(new, Real)
+                    if not (numbers or old is None or new is None or type(old) is type(new)):
+                        raise TypeError(f"{name} is of another type")
+                    setattr(self, name, new)
+            if data[0].size:
                 raise ValueError("more arrays than values")
         except (AttributeError, IndexError, ArithmeticError, RecursionError, MemoryError) as error:
             raise ValueError(f"damaged state ({type(error).__name__})") from None
 
-    def _written(self, value: Any, data: BytesIO) -> Any:
+    def _written(self, value: Any, data: list[Array]) -> Any:
         """A value for JSON: as it is, or a list of its kind and parts; its arrays go to `data`."""
         cls = type(value)
         if cls in _PLAIN:
             return value
-        if isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
-            data.write(value.tobytes())
+        if isinstance(value, np.ndarray | np.generic):
+            data.append(_bytes_of(np.ascontiguousarray(value)))
             dtype = value.dtype.descr if value.dtype.names else value.dtype.str
             return ["array" if cls is np.ndarray else "number", dtype, value.shape]
         if cls is list and len({*map(type, value)}) == 1:  # many alike become few arrays
@@ -89,14 +92,18 @@ class Restorable:
         named = value if cls is dict else vars(value)
         return [*named], [*named.values()]
 
-    def _read(self, told: Any, data: BytesIO) -> Any:
+    def _read(self, told: Any, data: list[Array]) -> Any:
         if type(told) in _PLAIN:
             return told
         kind, *parts = told
         if kind in ("array", "number"):
             named, shape = isinstance(parts[0], list), parts[1]
             dtype = np.dtype([(n, of, *map(tuple, size)) for n, of, *size in parts[0]] if named else parts[0])
-            found: Array = np.ndarray(shape, dtype, data.read(prod(shape) * dtype.itemsize)).copy()
+            found = np.empty(shape, dtype)
+            mine, data[0] = np.split(data[0], [found.nbytes])
+            if mine.size < found.nbytes:
+                raise ValueError("the arrays end early")
+            _bytes_of(found)[:] = mine
             return found if kind == "array" else found[()]
         if kind in ("floats", "rows"):
             found = self._read(parts[0], data)
@@ -110,6 +117,10 @@ class Restorable:
             made = [dict(zip(keys, row, strict=True)) for row in rows]
             made = made if cls is dict else [cls(**named) for named in made]
         return made if kind == "each" else made[0]
+
+
+def _bytes_of(array: Array) -> Array:
+    return array.reshape(-1).view(np.uint8)
 
 
 def _parts(name: str, value: Any) -> dict[str, Any]:

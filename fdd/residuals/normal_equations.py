@@ -138,7 +138,7 @@ class RegressionAccumulator(Restorable):
             np.linalg.inv(gram[:n, :n] * scale * scale[:, None] + RIDGE * np.eye(n)) * scale * scale[:, None]
         )
         size = inverse @ gram[:n, n]
-        variance = max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least)
+        variance = float(max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least))
         now, before = size[: 2 * lines].reshape(lines, 2), self.phasors[sense].copy()
         self.phasors[sense] = MEMORY * before + now
         spread = variance * np.diag(inverse)[: 2 * lines].reshape(lines, 2).mean(axis=1)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +22,7 @@ from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S, BinMaker
 from fdd.residuals.effects import first_effects
-from fdd.restorable import Restorable
+from fdd.restorable import Restorable, packed, unpacked
 from fdd.samples import Samples
 from fdd.service.blocks import Block
 from fdd.service.order import Order
@@ -96,7 +94,7 @@ class Learning(Restorable):
         return out
 
 
-class AxisWatch:
+class AxisWatch(Restorable):
     """Watch one axis, and tell the bus its samples in the order of time; `hold` (s) is that of `Order`. A
     profile without baseline gets one of `learn_s` (s) of work without a finding.
 
@@ -106,6 +104,8 @@ class AxisWatch:
     rollups : parts of minutes that are not stored yet.
     flushed, kept : for the fleet: whether it fell silent and gave what waits; monotonic s of its checkpoint.
     """
+
+    STATE = ("samples", "rate_hz", "failed", "last_wall", "order", "pipeline", "learning")
 
     def __init__(
         self, name: str, unit: Unit, model: Model, hold: float = 0.5, learn_s: float = 3600.0,
@@ -283,26 +283,13 @@ class AxisWatch:
         """What the store keeps of it beside its state."""
         return {"unit": self.unit.name, **self._shas}
 
-    def _parts(self) -> dict[str, Any]:
-        """What has a state of its own, by the prefix under which a checkpoint has it."""
-        parts: dict[str, Any] = {"order|": self.order, "pipeline|": self.pipeline}
-        if self.learning is not None:
-            parts["learning|"] = self.learning
-        return parts
-
     def checkpoint(self, wall: float, sequence: int = 0) -> Checkpoint:
         """All that it takes to go on (wall: Unix seconds); while nothing `waits`."""
-        scalars = {
-            "version": VERSION, "samples": self.samples, "rate_hz": self.rate_hz, "failed": self.failed,
-            "last_wall": self.last_wall, "learnt": self._learnt, "checked": self._unchecked is None,
-        }  # fmt: skip
-        arrays: dict[str, Any] = {"axis": np.frombuffer(json.dumps(scalars).encode(), dtype=np.uint8)}
-        for prefix, part in self._parts().items():
-            arrays |= {prefix + k: v for k, v in part.state().items()}
+        arrays = self.state() | {"axis": packed([self._learnt, self._unchecked is None])}
         time = float(np.nan_to_num(self.order.clock.last_time))
         return Checkpoint(self.name, time, wall, sequence, **self._shas, version=VERSION, arrays=arrays)
 
-    def restore(self, kept: Checkpoint) -> None:
+    def go_on(self, kept: Checkpoint) -> None:
         """Go on from a checkpoint. Raises InputError: of another profile, model or version."""
         where, mend = f"axis {self.name}", "it starts anew"
         theirs = {"profile_sha256": kept.profile_sha256, "model_sha256": kept.model_sha256}
@@ -310,20 +297,15 @@ class AxisWatch:
             problem = "its saved state is of another profile, model or version of fdd"
             raise InputError(problem, where=where, mend=mend)
         try:
-            scalars = json.loads(bytes(kept.arrays["axis"]))
-            self._learnt = scalars["learnt"]
+            self._learnt, checked = unpacked(kept.arrays["axis"])
             if self._learnt is not None:
                 self._take_over(Unit.from_yaml(self._learnt, where=where))
-            for prefix, part in self._parts().items():
-                mine = {k: v for k, v in kept.arrays.items() if k.startswith(prefix)}
-                part.restore({k.removeprefix(prefix): v for k, v in mine.items()})
+            self.restore(kept.arrays)
         except (ValueError, KeyError, TypeError) as error:
             problem = f"its saved state is damaged ({type(error).__name__})"
             raise InputError(problem, where=where, mend=mend) from None
-        self.samples, self.rate_hz, self.failed = (scalars[k] for k in ("samples", "rate_hz", "failed"))
-        self.last_wall = scalars["last_wall"]
         # Looks fall due at the same rows as without the restart.
         self._frame = self.order.clock.last_time // FRAME_S
-        self._unchecked = None if scalars["checked"] else []
+        self._unchecked = None if checked else []
         self.standing = [] if self.failed else self.pipeline.standing
         self.probabilities, self.estimates, _ = self.pipeline.now()

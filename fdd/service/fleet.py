@@ -130,7 +130,7 @@ class Fleet:
             checkpoint = self._store.checkpoint(watch.name)
             if checkpoint is not None:
                 with self._lock:
-                    watch.restore(checkpoint)
+                    watch.go_on(checkpoint)
         except StoreTrouble:
             raise
         except InputError as error:

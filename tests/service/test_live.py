@@ -91,7 +91,7 @@ def wrong(folder: Path, logs: list[Path], unit: str, *more: object, patience: fl
         assert (numbers < np.maximum.accumulate(numbers)).any() and len(numbers) <= numbers.max()
         watch, checkpoint = AxisWatch(axis, Unit.load(unit), Model.load()), store.checkpoint(axis)
         assert checkpoint is not None
-        watch.restore(checkpoint)
+        watch.go_on(checkpoint)
         answer = watch.pipeline.finish().model_dump(mode="json", by_alias=True)
         found = [f["body"] for f in store.findings() if f["axis"] == axis][::-1]
 
