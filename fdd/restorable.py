@@ -30,23 +30,23 @@ class Restorable:
 
     def state(self) -> dict[str, Array]:
         """A copy of it as named arrays. Raises TypeError: a value of a class that is not declared."""
-        out, told, data = dict[str, Array](), {}, [np.empty(0, np.uint8)]
+        out, tree, data = dict[str, Array](), {}, [np.empty(0, np.uint8)]
         for name in self.STATE:
             parts = _parts(name, getattr(self, name))
-            told[name] = None if parts else self._written(getattr(self, name), data)
+            tree[name] = None if parts else self._written(getattr(self, name), data)
             out |= {place + k: v for place, part in parts.items() for k, v in part.state().items()}
-        return {"values": packed(told), "arrays": np.concatenate(data), **out}
+        return {"values": packed(tree), "arrays": np.concatenate(data), **out}
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Go on from what `state` gave. Raises KeyError, ValueError, TypeError: it is damaged."""
         try:
-            told, data = unpacked(state["values"]), [state["arrays"].view(np.uint8)]
+            tree, data = unpacked(state["values"]), [state["arrays"].view(np.uint8)]
             for name in self.STATE:
                 old = getattr(self, name)
                 for place, part in _parts(name, old).items():
                     part.restore({k.removeprefix(place): v for k, v in state.items() if k.startswith(place)})
                 if not _parts(name, old):
-                    new = self._read(told[name], data)
+                    new = self._read(tree[name], data)
                     numbers = isinstance(old, Real) and isinstance(new, Real)
                     if not (numbers or old is None or new is None or type(old) is type(new)):
                         raise TypeError(f"{name} is of another type")
@@ -73,14 +73,14 @@ class Restorable:
                 return ["rows", self._written(np.stack(value), data)]
             if of in (list, tuple, dict, Samples, *self.STATE_CLASSES):
                 unnamed = issubclass(of, list | tuple)
-                keys, parts = ([None], value) if unnamed else zip(*map(self._apart, value), strict=True)
+                keys, parts = ([None], value) if unnamed else zip(*map(self._parted, value), strict=True)
                 if parts[0] and keys.count(keys[0]) == len(keys) and len({*map(len, parts)}) == 1:
                     columns = (self._written([*column], data) for column in zip(*parts, strict=True))
                     return ["each", of.__name__, self._written(keys[0], data), *columns]
-        keys, parts = self._apart(value)
+        keys, parts = self._parted(value)
         return [cls.__name__, self._written(keys, data), *(self._written(part, data) for part in parts)]
 
-    def _apart(self, value: Any) -> tuple[Any, Any]:
+    def _parted(self, value: Any) -> tuple[Any, Any]:
         """Names of a value's parts, where they have some, and the parts."""
         cls = type(value)
         if cls not in (list, tuple, set, dict, Samples, *self.STATE_CLASSES):
@@ -92,10 +92,10 @@ class Restorable:
         named = value if cls is dict else vars(value)
         return [*named], [*named.values()]
 
-    def _read(self, told: Any, data: list[Array]) -> Any:
-        if type(told) in _PLAIN:
-            return told
-        kind, *parts = told
+    def _read(self, tree: Any, data: list[Array]) -> Any:
+        if type(tree) in _PLAIN:
+            return tree
+        kind, *parts = tree
         if kind in ("array", "number"):
             named, shape = isinstance(parts[0], list), parts[1]
             dtype = np.dtype([(n, of, *map(tuple, size)) for n, of, *size in parts[0]] if named else parts[0])
@@ -108,7 +108,7 @@ class Restorable:
         if kind in ("floats", "rows"):
             found = self._read(parts[0], data)
             return found.tolist() if kind == "floats" else [*found]
-        of, keys, *parts = [self._read(part, data) for part in (parts if kind == "each" else told)]
+        of, keys, *parts = [self._read(part, data) for part in (parts if kind == "each" else tree)]
         cls: Any = {c.__name__: c for c in (list, tuple, set, dict, Samples, *self.STATE_CLASSES)}[of]
         rows: Iterable[Any] = zip(*parts, strict=True) if kind == "each" else [parts]
         if keys is None:
@@ -129,9 +129,9 @@ def _parts(name: str, value: Any) -> dict[str, Any]:
     return parts if all(hasattr(v, "restore") for v in parts.values()) else {}
 
 
-def packed(told: Any) -> Array:
+def packed(tree: Any) -> Array:
     """JSON as bytes, to travel among a state's arrays."""
-    return np.frombuffer(json.dumps(told).encode(), np.uint8)
+    return np.frombuffer(json.dumps(tree).encode(), np.uint8)
 
 
 def unpacked(data: Array) -> Any:

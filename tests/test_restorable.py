@@ -53,7 +53,7 @@ def test_only_declared_classes_are_saved_and_damage_is_refused():
     bad = [["Path", None, "x"], ["list"], ["dict", ["list", None, "a"]], {"a": 1}, ["array", "O", [1]], [], 5]
     bad += [["array", "<f8", [10**12]], ["array", "<f8", [-1]], ["floats", 3], ["each", "Measure", None, 1]]
     state = Owner([np.ones(3)]).state()
-    broken = [{"values": packed({"value": told, "inner": None})} for told in bad]
+    broken = [{"values": packed({"value": tree, "inner": None})} for tree in bad]
     for damage in (*broken, {"values": state["values"][:-2]}, {"arrays": state["arrays"][:5]}):
         with pytest.raises((KeyError, ValueError, TypeError)):
             Owner([]).restore(state | damage)
