@@ -27,32 +27,6 @@ def test_a_log_slips_in_the_channels_it_has() -> None:
     np.testing.assert_array_equal(found["mm read as cm"][chamber], log[chamber])
 
 
-def test_each_table_has_its_rows() -> None:
-    swapped, sound = datasets.SWAPPED, datasets.SOUND
-    said = [(swapped, "refused"), (swapped, "warned"), (swapped, "passed"), (sound, "passed")]
-    text = datasets.scales_table(said)
-    (row,) = [line for line in text.splitlines() if swapped in line]
-    assert row.count("0.33") == 2
-    (row,) = [line for line in text.splitlines() if sound in line]
-    assert "0.00" in row
-    told = [
-        datasets.Told("u0", "thesis", True, (), {"leakage": 2.5}, 1.001, 0.999),
-        datasets.Told("u1", "lift", True, (), {"leakage": -1.5}, 1.05, 0.999),
-        datasets.Told("u2", "lift", False, ("too noisy", "too short"), {}),
-    ]
-    lines = datasets.identification_table(told).splitlines()
-    assert "Refused: 0.33 (0.06 to 0.79) of 3" in lines and "- u2 (lift): too noisy; too short" in lines
-    assert any(line.startswith("Single rods") and "0.50" in line and "of 2" in line for line in lines)
-    assert "| u1 | lift | 1.0500 | 0.9990 |" in lines
-    (row,) = (line for line in lines if line.startswith("| leakage"))
-    assert row.startswith("| leakage | 2.06 | +0.50 | 0.50 (")
-    said = [("seal_wear", "unknown"), ("seal_wear", "another"), ("aeration", "nothing")]
-    text = datasets.left_out_table(said)
-    assert "| seal wear | 0 | 1 | 0 | 1 |" in text and "with a finding: 0.50 (0.09 to 0.91) of 2" in text
-    text = disturbed.disturbed_table([disturbed.Comparison("u0", "200 Hz", True, True, False)])
-    assert "| 200 Hz | 1 | 1.00 (" in text and "1 units" in text and "| 500 Hz | 0 | - of 0" in text
-
-
 def test_the_truth_is_counted_with_the_sheets_area() -> None:
     """Test: a true unit of 10 % more area. Expected: what flow tells of it is in the same ratios."""
     sheet, true = Unit.load("axis_a"), Unit.load("axis_a")

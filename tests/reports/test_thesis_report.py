@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from reports.__main__ import app
 from reports.thesis import flow, report
-from reports.thesis.report import EXPERIMENTS, Row, anchor, report_text
+from reports.thesis.report import EXPERIMENTS, anchor
 from reports.thesis.response import LOW
 from reports.thesis.runs import empirical_response, fit_output_error, held_input, response_at, velocity
 
@@ -68,19 +68,6 @@ def test_the_committed_report_is_what_the_command_measures(monkeypatch, tmp_path
     # The table's head and each section's line of how many meet are of this run.
     numbers = {row for row in again if row[1] and row[0] not in ("what", "---")}
     assert len(numbers) == 18 and numbers <= committed
-
-
-def test_text_of_made_up_findings():
-    good = Row("speed", "1.1", 2.0, 2.01, "m/s", note="A remark.")
-    bad = Row("force", "1.2", 10.0, 20.0, "N", why="It slips.")
-    worse = Row("work", "1.3", 10.0, 30.0, "J", why="It slips.")
-    said = "\n".join(report._said([good, bad, worse]))
-    assert "- Does not meet, force; work: It slips." in said and "- Note, speed: A remark." in said
-    text = report_text([("## First\n\nHow.", [good]), ("## Second\n\nSo.", [bad, worse])], 3)
-    assert "**1 of 3 numbers meet the thesis's.**" in text and "--seed 3" in text
-    assert "| speed | 1.1 | 2.00 | 2.01 | m/s | +0.5 % | meets |" in text
-    assert "| force | 1.2 | 10.0 | 20.0 | N | +100.0 % | **does not meet** |" in text
-    assert "## 2. Second" in text and "(#2-second)" in text
 
 
 T = 1e-3

@@ -153,19 +153,6 @@ def test_a_healthy_frames_misfit_is_about_one(sharpness: float, overdispersion: 
     assert np.mean(np.square(history._misfit("reservoir", frames))) == pytest.approx(1.0, abs=0.12)
 
 
-def test_a_reference_that_older_frames_made_goes_on_with_the_state() -> None:
-    one, other = told_of(40), told_of(0)
-    one.fold(20)
-    other.restore({k: np.array(v) for k, v in one.state().items()})
-    assert (other.frames, other.folded, other.taken, other.last) == (one.frames, 16, one.taken, one.last)
-    for name, e in one.reference.items():
-        np.testing.assert_array_equal(other.reference[name].mean, e.mean)
-        np.testing.assert_array_equal(other.reference[name].covariance, e.covariance)
-        assert (e.mean != one.effects[name].mean).any(), name
-        for a, b in zip(one.marginalised()[name], other.marginalised()[name], strict=True):
-            np.testing.assert_array_equal(a, b)
-
-
 def told(seed: int, *names: str) -> BalanceSums:
     """Normal equations of some balances, of many rows."""
     rng, out = np.random.default_rng(seed), {}
