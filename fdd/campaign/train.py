@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 from scipy.special import expit, logit
 
 from fdd import __version__
@@ -22,7 +22,7 @@ from fdd.campaign.labels import HEALTHY, Entry
 from fdd.campaign.spreads import identified_unit
 from fdd.diagnosis.answering import Z80, hidden_share
 from fdd.diagnosis.findings import FaultFinding
-from fdd.diagnosis.model import AlarmTail, Calibration, Model, root
+from fdd.diagnosis.model import AlarmTail, Calibration, Model, odds_of, root
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.packages import CLASSIFIERS, additions
@@ -88,8 +88,6 @@ def train(directories: Sequence[str | Path], *, spreads: Spreads | None = None, 
 
 def learnt(logs: list[ScoredLog], data: str) -> Model:
     """Tail and calibration of scored logs; an InputError where too few are healthy, or faulty."""
-    from sklearn.linear_model import LogisticRegression  # a second, which readers of data sets need not wait
-
     healthy, ill = ([x for x in logs if (x.family == HEALTHY) == well] for well in (True, False))
     faulty = np.array([root(x.score) for x in ill])
     if min(len(healthy), faulty.size) < LEAST_LOGS:
@@ -109,23 +107,15 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
         height=round(height, 3), rate_per_hour=round(over.size / hours, 4),
         scale=round(scale, 4), shape=round(shape, 4), hours=round(hours, 2),
     )  # fmt: skip
-    # What a log in hand is worth, others in hand tell: the odds are a logistic of the root (Platt scaling:
-    # Niculescu-Mizil and Caruana 2005, doi 10.1145/1102351.1102430). Even odds before it: how many of a
-    # recipe's logs are faulty says nothing of how often an actuator is.
+    # What a log in hand is worth, others in hand tell. Even odds before it: how many of a recipe's logs are
+    # faulty says nothing of how often an actuator is.
     of_logs = np.array([root(x.score) for x in brief])
-    kinds = np.repeat([False, True], [of_logs.size, faulty.size])
-    curve = LogisticRegression(class_weight="balanced").fit(np.append(of_logs, faulty)[:, None], kinds)
-    slope = max(float(curve.coef_[0, 0]), 1e-3)
-    midpoint = -float(curve.intercept_[0]) / slope
-    # Half of the healthy logs lie below their median, and so do faults that leave no trace. Some of these the
-    # log could not have shown: what is learnt are the others.
-    missed = min(2.0 * float(np.mean(faulty < np.median(of_logs))), 1.0)
-    hidden = float(np.mean([x.hidden for x in ill]))
-    unseen = max(1.0 - (1.0 - missed) / max(1.0 - hidden, 1e-3), 0.0)
+    hidden = np.array([x.hidden for x in (*brief, *ill)])
+    slope, midpoint, power = likeliest_odds(np.append(of_logs, faulty), hidden, of_logs.size)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
     doubt = float(np.quantile(doubts, 0.8)) if doubts.size >= LEAST_LOGS else 0.15
     calibration = Calibration(
-        midpoint=round(midpoint, 3), slope=round(slope, 4), unseen=round(unseen, 3),
+        midpoint=round(midpoint, 3), slope=round(slope, 4), hidden_power=round(power, 3),
         least=round(0.5 * float(np.quantile(of_logs, 1.0 - FALSE_VERDICTS)) ** 2, 3),
         severity_doubt=round(math.hypot(LAW_SPREAD, doubt), 3),
         second=round(second_odds([pair for x in logs for pair in x.later]), 3),
@@ -135,6 +125,26 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     for name, law in sorted({pair for x in logs for pair in x.laws}):
         laws.setdefault(name, []).append(law)
     return Model(data=data, tail=tail, calibration=calibration, faults=taught or None, laws=laws or None)
+
+
+def likeliest_odds(roots: Array, hidden: Array, healthy: int) -> tuple[float, float, float]:
+    """Slope, midpoint and power of `odds_of`, of largest likelihood for logs of which the first ones are
+    healthy, both kinds of one weight; a normal prior holds the slope where they are apart.
+
+    Parameters
+    ----------
+    roots, hidden : (n,) of the logs' scores, and shares of faults that each could not have shown.
+    """
+    sign = np.where(np.arange(roots.size) < healthy, 1.0, -1.0)
+    weight = np.where(sign > 0.0, 0.5 / healthy, 0.5 / (roots.size - healthy))
+
+    def loss(at: Array) -> float:
+        odds = odds_of(roots, hidden, np.exp(at[0]), at[1], np.exp(at[2]))
+        return float(weight @ np.log1p(odds**sign)) + 0.5 * float(np.exp(2.0 * at[0])) / roots.size
+
+    bounds = [(-7.0, 4.0), (0.0, float(roots.max()) + 1.0), (-3.0, 3.0)]
+    found = minimize(loss, [0.0, float(np.median(roots)), 0.0], method="Powell", bounds=bounds).x
+    return float(np.exp(found[0])), float(found[1]), float(np.exp(found[2]))
 
 
 def second_odds(later: Sequence[tuple[float, bool]]) -> float:

@@ -13,6 +13,8 @@ from operator import eq
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fdd.bounds import MAX_MODEL_BYTES
@@ -21,6 +23,8 @@ from fdd.errors import InputError, input_error
 from fdd.faults import ADDED_BY, fault
 from fdd.files import write_text
 from fdd.residuals.effects import Spreads
+
+Array = NDArray[np.float64]
 
 SHIPPED = "model.json"
 HELD_IN_DOUBT = 0.5
@@ -38,6 +42,22 @@ def root(score: float) -> float:
     (4.0, 0.0)
     """
     return math.sqrt(2.0 * max(score, 0.0))
+
+
+def odds_of(
+    roots: Array | float, hidden: Array | float, slope: float, midpoint: float, hidden_power: float
+) -> Array | float:
+    """Odds of a fault that were even before: of those that leave no trace, and of the others, a logistic of
+    the score's `root` (Platt scaling: Niculescu-Mizil and Caruana 2005, doi 10.1145/1102351.1102430); see
+    `Calibration`.
+
+    Examples
+    --------
+    >>> [round(float(odds_of(r, 0.5, slope=2.0, midpoint=3.0, hidden_power=2.0)), 2) for r in (3.0, -50.0)]
+    [1.0, 0.25]
+    """
+    traceless = hidden**hidden_power
+    return traceless + (1.0 - traceless) * np.exp(np.clip(slope * (roots - midpoint), -50.0, 50.0))
 
 
 class AlarmTail(BaseModel):
@@ -78,17 +98,17 @@ class Calibration(BaseModel):
     Attributes
     ----------
     prior : the same before the log was seen; learnt curves hold for even odds. midpoint, slope : logistic of
-        the score's `root`, for faults that show. unseen : share of faults that leave no trace in a log
-        though they should: a quiet one does not rule them out. least : score that one healthy log in fifty
-        reaches, which a verdict asks at least. second : log odds against a finding beside a surer one: it may
-        be what the first one's law leaves. severity_doubt : std of a severity's logarithm
-        by what no column knows, as how turbulent a leak is or how a seal wears.
+        the score's `root`, for faults that leave a trace. hidden_power : the share of faults that leave none
+        is this power of the share that the log could not have shown. least : score that one healthy log in
+        fifty reaches, which a verdict asks at least. second : log odds against a finding beside a surer one:
+        it may be what the first one's law leaves. severity_doubt : std of a severity's logarithm by what no
+        column knows, as how turbulent a leak is or how a seal wears.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
     midpoint: float = Field(ge=-MOST, le=MOST)
     slope: float = Field(gt=0, le=MOST)
-    unseen: float = Field(default=0.0, ge=0.0, le=1.0)
+    hidden_power: float = Field(default=1.0, gt=0.0, le=MOST)
     least: float = Field(default=0.0, ge=0.0, le=MOST)
     second: float = Field(default=2.0, ge=0.0, le=MOST)
     severity_doubt: float = Field(default=0.15, ge=0.0, le=10.0)
@@ -102,15 +122,14 @@ class Calibration(BaseModel):
         --------
         >>> round(Calibration(midpoint=4.0, slope=1.0).probability(8.0), 2)
         0.5
-        >>> round(Calibration(midpoint=4.0, slope=1.0, unseen=0.25).probability(-9.0), 2)
+        >>> round(Calibration(midpoint=4.0, slope=9.0).probability(-9.0, hidden=0.25), 2)
         0.2
         >>> round(Calibration(midpoint=4.0, slope=1.0).probability(8.0, second=True), 2)
         0.12
         """
-        shows = math.exp(min(max(self.slope * (root(score) - self.midpoint), -50.0), 50.0))
-        odds = max(shows, 1.0 - (1.0 - self.unseen) * (1.0 - hidden)) * self.prior / (1.0 - self.prior)
-        odds *= math.exp(-self.second if second else 0.0)
-        return odds / (1.0 + odds)
+        odds = odds_of(root(score), hidden, self.slope, self.midpoint, self.hidden_power)
+        odds *= math.exp(-self.second if second else 0.0) * self.prior / (1.0 - self.prior)
+        return float(odds / (1.0 + odds))
 
     @property
     def even(self) -> float:
@@ -141,7 +160,7 @@ class Model(BaseModel):
     """
 
     model_config = ConfigDict(populate_by_name=True, extra="forbid", allow_inf_nan=False, strict=True)
-    schema_: Literal["fdd.model/3"] = Field(default="fdd.model/3", alias="schema")
+    schema_: Literal["fdd.model/4"] = Field(default="fdd.model/4", alias="schema")
     data: str
     """The data set that it was learnt on."""
     tail: AlarmTail
