@@ -6,13 +6,18 @@ A finding says the kind of failure, its time, its size and the reason. Memory is
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from estimators.compiled import compiler
 from fdd.faults import fault as catalogue_fault
 from fdd.restorable import Restorable
 from fdd.sensors.limits import NAMES, Array
+
+njit = compiler(Path(__file__).parent)
+"""What it compiles is kept on disk, and made anew when a source beside it changes."""
 
 Kind = Literal[
     "dead", "stuck", "saturated", "out_of_range", "spikes", "step", "slip", "supply_loss", "noisy",

@@ -8,11 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.sensors.finding import CELL_HISTORY, Memory, SensorFindings
+from fdd.sensors.finding import CELL_HISTORY, Memory, SensorFindings, njit
 from fdd.sensors.jumps import NOISE_REACH, STAYS, Jump, Rows, excess, explained, jumps, moved_oil, widest
-from fdd.sensors.limits import (
-    ACCUMULATOR, ANGLE, DIFFERENCE, NAMES, ONE, POSITION, TWO, Array, Limits, Mask, njit,
-)  # fmt: skip
+from fdd.sensors.limits import ACCUMULATOR, ANGLE, DIFFERENCE, NAMES, ONE, POSITION, TWO, Array, Limits, Mask
 from fdd.sensors.scan import FRAME_S, GAUSS_90, LEAK_MARGIN, place, smallest
 
 JUDGED = (ANGLE, POSITION, ONE, TWO, DIFFERENCE, ACCUMULATOR)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.sensors.finding import Memory
-from fdd.sensors.limits import ANGLE, DIFFERENCE, ONE, POSITION, SPEED, TWO, Array, Limits, njit
+from fdd.sensors.finding import Memory, njit
+from fdd.sensors.limits import ANGLE, DIFFERENCE, ONE, POSITION, SPEED, TWO, Array, Limits
 from fdd.sensors.scan import smallest
 
 NOISE_REACH = 16.0

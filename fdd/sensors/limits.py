@@ -5,19 +5,14 @@ Everything here is physics or a data sheet: nothing is learnt from logs.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.compiled import compiler
 from fdd.measures import ATMOSPHERE_PA
 from fdd.samples import CHANNELS
 from fdd.unit import Unit
-
-njit = compiler(Path(__file__).parent)
-"""What it compiles is kept on disk, and made anew when a source beside it changes."""
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,10 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.sensors.finding import Memory
-from fdd.sensors.limits import (
-    DIFFERENCE, IS_LIVE, IS_MEASURED, ONE, POSITION, STEADY_NOISE, TWO, Limits, njit,
-)  # fmt: skip
+from fdd.sensors.finding import Memory, njit
+from fdd.sensors.limits import DIFFERENCE, IS_LIVE, IS_MEASURED, ONE, POSITION, STEADY_NOISE, TWO, Limits
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

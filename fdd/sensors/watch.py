@@ -11,9 +11,9 @@ import numpy as np
 from fdd.errors import InputError
 from fdd.restorable import Restorable, packed, unpacked
 from fdd.samples import Samples
-from fdd.sensors.finding import FAILING, Memory, SensorFinding, SensorFindings
+from fdd.sensors.finding import FAILING, Memory, SensorFinding, SensorFindings, njit
 from fdd.sensors.judge import FrameJudge
-from fdd.sensors.limits import DIFFERENCE, INDEX, NAMES, ONE, TWO, Array, Limits, Mask, njit
+from fdd.sensors.limits import DIFFERENCE, INDEX, NAMES, ONE, TWO, Array, Limits, Mask
 from fdd.sensors.scan import FRAME_S
 from fdd.unit import Unit
 
