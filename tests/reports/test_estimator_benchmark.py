@@ -246,17 +246,17 @@ def test_least_squares_finds_what_the_model_leaks_and_holds_of_air(axis):
     model, x, rows = axis[0], np.zeros(eha.STATES), []
     x[[eha.LEAK, eha.AIR, eha.FRIC, eha.P1, eha.P2]] = 1.7, 5.0, 1.0, 1.2, 1.2
     new, F, G = np.empty(eha.STATES), np.empty((eha.STATES, eha.STATES)), np.empty((eha.STATES, 4))
-    for t in np.arange(3000) * 1e-3:
+    for t in np.arange(12_000) * 0.25e-3:  # steps of first order: shorter than the samples
         wanted = 0.8 * np.sin(2.0 * np.pi * 0.9 * t) + 0.4 * np.sin(2.0 * np.pi * 3.1 * t)
         x[eha.V] = 0.075 * np.cos(2.0 * np.pi * 0.4 * t)
         x[eha.W] = model.area_1 * x[eha.V] / model.displacement + 0.02 * (wanted - x[eha.P1] + x[eha.P2])
         rows.append(x.copy())
-        eha.step(x, 1.0, 1.0, 0.2, x[eha.V], x[eha.W], model, new, F, G)
+        eha.step(x, 0.25, 1.0, 0.2, x[eha.V], x[eha.W], model, new, F, G)
         x = new.copy()
-    signals = np.array(rows)[:, [eha.X, eha.TH, eha.P1, eha.P2]].T
+    signals = np.array(rows)[::4, [eha.X, eha.TH, eha.P1, eha.P2]].T
     window = Window(*signals, np.full(3000, 0.2))
     assert window.pressure_1.min() > 0.23 and window.pressure_2.min() > 0.23
     for sealed in (False, True):
         leakage, air = fit_balance(window, model, sealed=sealed)
         assert leakage == pytest.approx(1.7, rel=1e-4)
-        assert air == pytest.approx(5.0, rel=0.02), "the model's steps of 1 ms are of first order"
+        assert air == pytest.approx(5.0, rel=5e-3)
