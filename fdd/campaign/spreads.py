@@ -5,13 +5,13 @@ The coefficients of a balance in log l of unit u are ``θ = μ_u + δ_l`` with `
 gamma distributed, makes the logs' differences Student's t of ν degrees of freedom (Lange, Little and Taylor
 1989, doi 10.1080/01621459.1989.10478852). S, q and ν are the likeliest, by expectation conditional
 maximisation (Liu and Rubin 1995, Statistica Sinica 5, 19): a log that tells little of a coefficient says
-little of its spread.
+little of its spread. Within a log the coefficients of frame h are ``θ + ω_h`` with ``ω_h ~ N(0, W)``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
@@ -22,6 +22,7 @@ from scipy.special import digamma
 
 from fdd.campaign.dataset import Dataset, How, over_units
 from fdd.diagnosis.baseline import (
+    Sums,
     add_baseline,
     baseline_of,
     effects_of,
@@ -38,16 +39,18 @@ from fdd.residuals.effects import (
     BalanceSpread,
     CoefficientSpread,
     Effects,
+    LogConditions,
     Spreads,
     first_effects,
     shipped_spreads,
     usual_conditions,
 )
+from fdd.residuals.normal_equations import marginalised
 from fdd.unit import Unit
 
 Array = NDArray[np.float64]
 
-ITERATIONS = 200
+ITERATIONS, WANDER_ITERATIONS = 200, 40
 FREEDOMS = (1.0, 30.0)
 """Range of ν: beyond it logs' differences are as good as normal."""
 LEAST_SHARE = 0.02
@@ -55,6 +58,17 @@ LEAST_SHARE = 0.02
 differ."""
 LEAST_UNITS = 20
 """Units below which nothing is said of what units differ by."""
+WANDER_LOGS = 200
+"""Logs that what coefficients wander by is learnt from, evenly taken among all."""
+LEAST_WANDER = 0.1
+"""Of what a coefficient changes by in minutes, that it wanders by at least."""
+LEAST_FRAMES = 8
+"""Frames of a log below which it says nothing of that."""
+ASSUMED, STEADY = ("drive",), ("shaft",)
+"""Balances of which a simulation teaches nothing, as no simulated drive is off its command, or not how frames
+wander, as no simulated shaft runs out."""
+Frames = tuple[Sums, LogConditions]
+"""Of a log, in a balance: what its frames came to, and its conditions."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +159,30 @@ def _freedom(weights: Array, told: Array, freedom: float) -> float:
     return low if slope(low) <= 0.0 else high if slope(high) > 0.0 else float(brentq(slope, low, high))
 
 
+def learnt_wander(
+    name: str, logs: Sequence[Frames], first: Effects, iterations: int = WANDER_ITERATIONS
+) -> Array:
+    """Std (n,) of a balance's coefficients from frame to frame, √W, of largest restricted likelihood, by
+    Schall's algorithm (1991, doi 10.1093/biomet/78.4.719), from what was assumed `first`. What is the load's
+    stays as it was: simulated loads are simpler than real ones."""
+    own, variance = BALANCES[name].own, np.square(first.wander)
+    least = np.square(LEAST_WANDER * first.within)
+    priors = [np.diag(1.0 / (np.square(first.units) + first.between_logs(c))) for _, c in logs]
+    for _ in range(iterations):
+        squares, expected = np.zeros((2, variance.size))
+        for ((information, vector, *_), _), prior in zip(logs, priors, strict=True):
+            m, v = marginalised(information, vector, np.sqrt(variance))
+            covariance = np.linalg.inv(prior + m.sum(axis=0))
+            scores = v - m @ (covariance @ (prior @ first.mean + v.sum(axis=0)))
+            squares += np.square(scores).sum(axis=0)
+            # The log's own coefficients follow its frames.
+            expected += np.einsum("hii->i", m) - np.einsum("hij,hji->i", m @ covariance, m)
+        learnt = own & (expected > 0.0)
+        ratio = squares / np.where(learnt, expected, 1.0)
+        variance = np.where(learnt, np.maximum(variance * ratio, least), variance)
+    return np.sqrt(variance)
+
+
 def learn_spreads(directories: Sequence[str | Path], **how: Unpack[How]) -> Spreads:
     """Learn from healthy logs and healthy twins of data sets with baselines; an InputError where one is no
     data set, or units are too few."""
@@ -152,19 +190,30 @@ def learn_spreads(directories: Sequence[str | Path], **how: Unpack[How]) -> Spre
     if (number := sum(len(data.units) for data in sets)) < LEAST_UNITS:
         problem = f"{number} units: at least {LEAST_UNITS} are needed to learn what units differ by"
         raise InputError(problem, mend="leave --spreads out, or generate more units")
-    units = over_units(_equations, directories, **how)
+    units = over_units(_frames, directories, **how)
     before = shipped_spreads()
     balances = dict(before.balances)
     for name, old in before.balances.items():
-        logs = [unit[name] for unit in units if name in unit]
-        if len(logs) >= LEAST_UNITS:
-            found = learnt_spread(name, logs, first_effects(name, before))
-            balances[name] = _balance(name, found, old)
+        mine = [unit[name] for unit in units if name in unit]
+        if len(mine) < LEAST_UNITS or name in ASSUMED:
+            continue
+        first = first_effects(name, before)
+        if name not in STEADY:
+            logs = [log for unit in mine for log in unit if np.count_nonzero(log[0][2]) >= LEAST_FRAMES]
+            step = max(len(logs) // WANDER_LOGS, 1)
+            first = replace(first, wander=learnt_wander(name, logs[::step], first))
+        found = learnt_spread(name, [_unit_logs(name, unit, first) for unit in mine], first)
+        balances[name] = _balance(name, found, old, first.wander)
     told = ", ".join(f"{d.recipe.name} (seed {d.recipe.seed}, {len(d.units)} units)" for d in sets)
     return Spreads(data=told, balances=balances)
 
 
-def _balance(name: str, spread: Spread, old: BalanceSpread) -> BalanceSpread:
+def _unit_logs(name: str, logs: Sequence[Frames], first: Effects) -> UnitLogs:
+    told = [log_equations(name, sums, conditions, first) for sums, conditions in logs]
+    return UnitLogs(*(np.array(x) for x in zip(*told, strict=True)))
+
+
+def _balance(name: str, spread: Spread, old: BalanceSpread, wander: Array) -> BalanceSpread:
     """What was learnt, to four digits, over what the loads' coefficients have from before."""
 
     def rounded(value: float) -> float:
@@ -176,7 +225,7 @@ def _balance(name: str, spread: Spread, old: BalanceSpread) -> BalanceSpread:
         coefficients[c] = CoefficientSpread(
             mean=rounded(spread.mean[k]), units=rounded(spread.units[k]),
             between=tuple(rounded(x) for x in spread.between[:, k]), logs=round(float(spread.logs[k]), 1),
-            within=old.coefficients[c].within, wander=old.coefficients[c].wander,
+            within=old.coefficients[c].within, wander=rounded(wander[BALANCES[name].columns.index(c)]),
         )  # fmt: skip
     return BalanceSpread(noise=rounded(spread.noise), coefficients=coefficients)
 
@@ -210,23 +259,19 @@ def healthy_logs(data: Dataset, name: str, spreads: Spreads | None = None) -> He
     return HealthyLogs(unit, baseline, [(f, history_of(log, unit, effects)) for f, log in logs if log])
 
 
-def _equations(data: Dataset, unit: str) -> list[dict[str, UnitLogs]]:
+def _frames(data: Dataset, unit: str) -> list[dict[str, list[Frames]]]:
     logs = healthy_logs(data, unit)
-    out: dict[str, UnitLogs] = {}
-    for name in BALANCES:
+    out: dict[str, list[Frames]] = {}
+    for name, balance in BALANCES.items():
         known = None if logs.unit.baseline is None else logs.unit.baseline.balances.get(name)
-        told = []
         for history in [*logs.baseline, *(x for _, x in logs.healthy)]:
             conditions = history.conditions(name)
             if conditions is None:
                 continue
             m, v, rows, variance = history.sums()[name]
-            if known is not None and BALANCES[name].cumulative:
+            if known is not None and balance.cumulative:
                 # As the baseline takes its logs: what a law errs by over a frame is its rows' noise.
                 share = np.minimum(variance / known.noise**2, 1.0)
                 m, v = m * share[:, None, None], v * share[:, None]
-            told.append(log_equations(name, (m, v, rows, variance), conditions, first_effects(name)))
-        if told:
-            information, vector, each = (np.array(x) for x in zip(*told, strict=True))
-            out[name] = UnitLogs(information, vector, each)
+            out.setdefault(name, []).append(((m, v, rows, variance), conditions))
     return [out]

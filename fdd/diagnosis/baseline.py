@@ -29,7 +29,7 @@ Sums = tuple[Array, Array, Array, Array]
 """Of a log: what `BalanceHistory.sums` gives of a balance."""
 
 LEAST_BASELINE_FRAMES = 10
-BASELINE_VERSION = "16"
+BASELINE_VERSION = "17"
 RESCALED = {"refeed": tuple(str(version) for version in range(16))}
 """Balance to versions whose columns had another scale: what they learnt of it counts for nothing."""
 QUANTILES = 21
@@ -217,10 +217,12 @@ def effects_of(unit: Unit, spreads: Spreads | None = None) -> dict[str, Effects]
             known = None
         if known is not None and known.columns == list(BALANCES[name].columns):
             effects = replace(
-                effects, mean=np.array(known.mean), known=np.array(known.covariance), noise=known.noise,
-                information=np.array(known.information) if known.information else effects.information,
-                scatter=np.array(known.scatter) if known.scatter else effects.scatter,
-            )  # fmt: skip
+                effects, mean=np.array(known.mean), known=np.array(known.covariance), noise=known.noise
+            )
+            if known.information and unit.baseline is not None and unit.baseline.version == BASELINE_VERSION:
+                # Of another version it is about another wander.
+                information, scatter = np.array(known.information), np.array(known.scatter)
+                effects = replace(effects, information=information, scatter=scatter)
             if known.moderation:
                 effects = moderated(effects, np.array(known.moderation))
             effects = with_logs(effects, usual_conditions(known.noise))

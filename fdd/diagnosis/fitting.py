@@ -32,7 +32,7 @@ from log to log. They are the only ones for a fault present from the first sampl
 UNKNOWN_SCATTER = 3.0
 """Overdispersion of a unit without baseline."""
 LEAST_SCATTER = 0.2
-"""Lower bound of the overdispersion; below 1 since assumed wander and noise floors are on the safe side."""
+"""Lower bound of the overdispersion; below 1 since wander and noise floors are those of the worse units."""
 GREATEST = 2.0
 """Upper bound of a severity: 1.0 is gross, and the scale may be off by a factor of two on another machine."""
 

@@ -77,7 +77,7 @@ def test_people_report_and_mcap_are_told_verdict_evidence_and_estimates(ran, log
     result = ran("diagnose", logs["leaking"], "--model", tiny_model_file, *outputs)
     text = " ".join(re.sub(r"[│•]", " ", result.stdout).split())
     # A pump worn at its sides leaks alike.
-    what = r"! Internal leakage \(\d+ %\) or pump gear wear \(\d+ %\)"
+    what = r"! Internal leakage \(\d+ %\) or one of 2 others"
     assert re.search(what + r", since [5-9]\.\d s, severity 0\.\d\d, \S+ ?\d+ % sure", text)
     assert "The balance of the chambers' oil does not close from" in text
     assert re.search(r"Severity between 0\.\d\d and \d\.\d\d \(80 %\)", text)
@@ -159,7 +159,7 @@ def test_a_replay_gives_the_diagnosis_and_people_a_line_per_finding(ran, logs, t
     assert [summary["diagnosis"][k] == offline[k] for k in ("faults", "estimates")] == [True, True]
     assert finding["time_s"] == detected
     shown = ran(*common).stdout
-    told = rf"\[{detected:8.2f} s\] Internal leakage \(\d+ %\) or pump gear wear \(\d+ %\), since "
+    told = rf"\[{detected:8.2f} s\] Internal leakage \(\d+ %\) or one of 2 others, since "
     assert re.match(told, shown) and "Leakage coefficient" in shown
 
 
