@@ -217,6 +217,7 @@ def test_units_of_measure_become_si(path: str, entry: Any, si: float, std: float
         ("pump.displacement", {"value": 1e-6, "std": -1e-9}, "std is negative"),
         ("pump", {1: 2}, "pump"),
         ("sensors.position.noise", {"value": 1, "unit": "mm"}, "takes no unit"),
+        ("sensors.pressure_1.loop", {"low": 6.9e6, "high": 0.0, "resistance": 499.0}, "is not above low"),
     ],
 )
 def test_refused_in_one_line_that_names_file_and_field(path: str, entry: Any, said: str) -> None:
@@ -233,32 +234,6 @@ def test_any_text_is_refused_in_one_line(text: str) -> None:
 def test_missing_file_lists_the_shipped_profiles(tmp_path: Path) -> None:
     line = refused(lambda: Unit.load(tmp_path / "none.yaml"))
     assert "none.yaml: no such unit profile; give a YAML file or one of: axis_a" in line
-
-
-def test_loading_twice_gives_separate_units() -> None:
-    first = Unit.load("axis_a")
-    first.pump.displacement = 1.0
-    assert Unit.load("axis_a").pump.displacement == pytest.approx(5.57e-7)
-
-
-def test_a_sensor_of_an_older_profile_reads_as_it_did() -> None:
-    old = {"noise": 7.0e3, "resolution": 263.5, "bandwidth_hz": 150.0, "tones": [[355.0, 1500.0]]}
-    sensor = Unit.from_yaml(edited("sensors.pressure_difference", old)).sensor("pressure_difference")
-    assert (sensor.noise, sensor.resolution, sensor.bandwidth_hz) == (7.0e3, 263.5, 150.0)
-    assert sensor.tones == [(355.0, 1500.0)] and sensor.loop is None and sensor.shaft_orders == []
-
-
-def test_a_current_loop_that_falls_is_refused() -> None:
-    loop = {"low": 6.895e6, "high": 0.0, "resistance": {"value": 499, "unit": "ohm"}}
-    line = refused_profile(edited("sensors.pressure_difference.loop", loop))
-    assert "sensors.pressure_difference.loop" in line and "is not above low" in line
-
-
-def test_the_step_follows_from_the_loop() -> None:
-    loop = {"low": 0.0, "high": 6.895e6, "resistance": 499.0}
-    plain = Unit.from_yaml(edited("sensors.pressure_1", {"loop": loop})).sensor("pressure_1")
-    # 20 V over 65536 codes at 6.895 MPa over 7.984 V (thesis eqs A.1 to A.3).
-    assert plain.resolution == pytest.approx(20.0 / 65536.0 * 6.895e6 / 7.984, rel=1e-12)
 
 
 LOADERS: dict[str, Callable[[Path], Any]] = {

@@ -93,7 +93,7 @@ def decide(
         if not fits or score - against < threshold or enough:
             for f in found:
                 left = max(evidence.unexplained(f.lead, known), 0.0)
-                f.explained = f.lead.gain / (f.lead.gain + left)
+                f.explained = f.lead.gain / (f.lead.gain + left) if left > 0.0 else 1.0
             once = [f for f in _each_once(found) if f.known or not _of_a_larger(f, found)]
             surest = max(once, key=lambda f: f.score, default=None)
             for f in once:

@@ -12,7 +12,7 @@ from fdd.campaign.drawing import draw_unit, stream
 from fdd.campaign.population import BETWEEN_UNITS, FRICTION, OIL_VOLUME, WANDER, charge_factor, with_its_air
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.scenarios import as_it_runs, draw_scenario
-from fdd.campaign.spreads import LEAST_WANDER, UnitLogs, learnt_spread, learnt_wander
+from fdd.campaign.spreads import UnitLogs, learnt_spread, learnt_wander
 from fdd.diagnosis.baseline import log_equations, scattered
 from fdd.plant import conditions as c
 from fdd.plant.oil import stiff_bulk_modulus
@@ -148,8 +148,7 @@ def test_spreads_are_those_that_logs_were_drawn_with() -> None:
 
 
 def test_wander_is_that_which_frames_were_drawn_with() -> None:
-    """60 logs of 40 frames: half of the coefficients wander by a third of what is assumed, the others not;
-    within four standard errors, and at the lower bound."""
+    """60 logs of 40 frames: half of the coefficients wander, the others not; within four standard errors."""
     rng, first = np.random.default_rng(3), first_effects("coherence")
     first = replace(first, wander=6.0 * first.within)
     n = first.mean.size
@@ -157,16 +156,14 @@ def test_wander_is_that_which_frames_were_drawn_with() -> None:
     conditions = LogConditions(1.0, first.noise**2, 0.0, 0.0, 0.0)
     logs = []
     for _ in range(60):
-        own = first.mean + np.hypot(first.units, np.sqrt(first.between_logs(conditions))) * rng.normal(size=n)
         x = rng.normal(size=(40, 50, n)) / (2.0 * first.wander)
-        frames = own + wander * rng.normal(size=(40, n))
+        frames = first.mean + first.units * rng.normal(size=n) + wander * rng.normal(size=(40, n))
         y = np.einsum("hkn,hn->hk", x, frames) + rng.normal(size=(40, 50))
         m, v = np.einsum("hki,hkj->hij", x, x), np.einsum("hki,hk->hi", x, y)
         logs.append(((m, v, np.full(40, 50.0), np.ones(40)), conditions))
     found = learnt_wander("coherence", logs, first)
     assert np.all(np.abs(found[::2] / wander[::2] - 1.0) < 0.1)
     assert np.all(found[1::2] < 0.1 * first.wander[1::2])
-    assert np.all(found >= LEAST_WANDER * first.within)
 
 
 def test_what_belongs_to_the_load_is_marginalised() -> None:

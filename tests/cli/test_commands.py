@@ -76,7 +76,6 @@ def test_people_report_and_mcap_are_told_verdict_evidence_and_estimates(ran, log
     outputs = ("--report", report, "--mcap", annotated)
     result = ran("diagnose", logs["leaking"], "--model", tiny_model_file, *outputs)
     text = " ".join(re.sub(r"[│•]", " ", result.stdout).split())
-    # A pump worn at its sides leaks alike.
     what = r"! Internal leakage \(\d+ %\) or one of 2 others"
     assert re.search(what + r", since [5-9]\.\d s, severity 0\.\d\d, \S+ ?\d+ % sure", text)
     assert "The balance of the chambers' oil does not close from" in text

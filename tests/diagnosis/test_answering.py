@@ -12,9 +12,11 @@ from made_up_evidence import FRAMES, drawn, hypothesis
 import fdd
 from estimators.eha import layout
 from estimators.observability import Observed
+from fdd.diagnosis import decision
 from fdd.diagnosis.answering import Span, fault_finding, hidden_share, invisible, probabilities_of
 from fdd.diagnosis.decision import Found, decide
 from fdd.diagnosis.estimates import believed
+from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import FaultFinding, Invisible
 from fdd.diagnosis.model import Calibration, Model
 from fdd.residuals.quantities import Scales
@@ -75,6 +77,19 @@ def test_a_fault_beside_a_surer_one_is_said_with_the_odds_of_a_second(sure: Mode
     alone = said(replace(two, second=False), sure).confidence
     odds = said(two, sure).confidence / (1.0 - said(two, sure).confidence)
     assert odds == pytest.approx(math.exp(-sure.calibration.second) * alone / (1.0 - alone), rel=0.02)
+
+
+def test_a_finding_without_gain_explains_all_where_nothing_is_left(monkeypatch) -> None:
+    """Refitted beside its own end it may have none: a share of nothing."""
+    isolated = decision._isolated
+
+    def without_gain(*given: object) -> Found:
+        found = isolated(*given)
+        return replace(found, lead=replace(found.lead, gain=0.0))
+
+    monkeypatch.setattr(decision, "_isolated", without_gain)
+    monkeypatch.setattr(Evidence, "unexplained", lambda *given: -1.0)
+    assert decide(drawn(1, [(INNER, 0.8, 40)]), [INNER], 4.0)[0][0].explained == 1.0
 
 
 def test_families_probabilities_are_those_of_the_surest_that_holds(tiny_model: Model) -> None:
