@@ -153,14 +153,13 @@ def test_wander_is_that_which_frames_were_drawn_with() -> None:
     first = replace(first, wander=6.0 * first.within)
     n = first.mean.size
     wander = np.where(np.arange(n) % 2, 0.0, first.wander / 3.0)
-    conditions = LogConditions(1.0, first.noise**2, 0.0, 0.0, 0.0)
     logs = []
     for _ in range(60):
         x = rng.normal(size=(40, 50, n)) / (2.0 * first.wander)
         frames = first.mean + first.units * rng.normal(size=n) + wander * rng.normal(size=(40, n))
         y = np.einsum("hkn,hn->hk", x, frames) + rng.normal(size=(40, 50))
         m, v = np.einsum("hki,hkj->hij", x, x), np.einsum("hki,hk->hi", x, y)
-        logs.append(((m, v, np.full(40, 50.0), np.ones(40)), conditions))
+        logs.append(((m, v, np.full(40, 50.0), np.ones(40)), usual_conditions(first.noise)))
     found = learnt_wander("coherence", logs, first)
     assert np.all(np.abs(found[::2] / wander[::2] - 1.0) < 0.1)
     assert np.all(found[1::2] < 0.1 * first.wander[1::2])
