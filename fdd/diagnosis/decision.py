@@ -195,9 +195,14 @@ def _isolated(evidence: Evidence, seed: Amplitude, fits: list[Amplitude], score:
     """Isolation: posterior of the faults whose columns correlate with the best hypothesis's."""
     alike = evidence.correlations(seed, [f.hypothesis for f in fits])
     candidates = [f for f, c in zip(fits, alike.tolist(), strict=True) if c > SAME_EFFECT and f.gain > 0.0]
-    gains = np.array([f.gain for f in candidates])
-    # Tempered by misfit and model error: what laws leave unexplained does not separate faults.
-    weight = np.exp((gains - gains.max()) / (seed.reduced_chi_square + LAW_DOUBT**2 * gains.max()))
+    # Tempered by misfit and model error, by balance: what laws leave unexplained in one does not separate
+    # faults, but neither does a large effect in one hide what another says.
+    parts = np.array([f.by_balance for f in candidates])
+    best = parts[np.argmax([f.gain for f in candidates])]
+    largest = np.maximum(parts.max(axis=1), best.max(axis=0))
+    tempered = (parts[:, 0] - best[0]) / (seed.reduced_chi_square + LAW_DOUBT**2 * largest)
+    ratio = tempered.sum(axis=1)
+    weight = np.exp(ratio - ratio.max())
     weight *= np.array([_usual(f) for f in candidates])
     weight /= weight.sum()
     shares: dict[str, float] = {}

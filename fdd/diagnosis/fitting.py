@@ -150,7 +150,8 @@ class Fit:
         acts, larger than `size` for an intermittent fault. gain : log likelihood ratio by the rows' own
         variance alone. overdispersion : variance of the scores of healthy stretches over their information.
         reduced_chi_square : the same of the stretches under the fault. blocks : effective number of stretches
-        behind it. score : log odds against none, without the prior weight.
+        behind it. score : log odds against none, without the prior weight. by_balance : (2, balances) what each
+        balance adds to the log likelihood ratio, and would add if the fault acted there as its law says.
     """
 
     size: float
@@ -161,6 +162,7 @@ class Fit:
     reduced_chi_square: float
     blocks: float
     score: float
+    by_balance: Array
 
 
 @dataclass(frozen=True)
@@ -218,6 +220,12 @@ def fit(
         d = j.nuisance_shift(along[j.mine])
         weighed = np.linalg.solve(j.balance.healthy.covariance, d.T).T
         prior_information[j.mine] += np.einsum("fn,fn->f", d, weighed)
+    by_balance = np.zeros((size.size, 2, len(balances)))
+    for place, j in zip(map(list(balances).index, parts.columns), joints, strict=True):
+        d = along[j.mine]
+        expected = 0.5 * np.einsum("fp,fpq,fq->f", d, j.information, d)
+        left = j.vector - (j.information @ a[j.mine, :, None])[..., 0]
+        by_balance[j.mine, :, place] = np.stack([np.sum(d * left, axis=1) + expected, expected], axis=1)
     if from_start:
         joints = parts.joints(balances, from_start=True)
         vague = 1.0 / scales**2
@@ -270,7 +278,7 @@ def fit(
     active_amplitude = np.clip(size * while_acting, -most, most)
     variance = 1.0 / precision + np.maximum(reduced_chi_square - overdispersion, 0.0) / schur
     rows = (size, variance, active_amplitude, gain, overdispersion, reduced_chi_square, behind, score)
-    return [Fit(*row) for row in np.column_stack(rows).tolist()]
+    return [Fit(*row, each) for row, each in zip(np.column_stack(rows).tolist(), by_balance, strict=True)]
 
 
 def _summed(joints: Sequence[Joint], precision: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from simulated_logs import DURATION_S, LOADS
 
 from fdd import Scenario, Unit, simulate
 from fdd.diagnosis.baseline import effects_of, history_of
-from fdd.diagnosis.decision import USUAL_SIZE, Found, beside_the_newest, decide
+from fdd.diagnosis.decision import LAW_DOUBT, USUAL_SIZE, Found, beside_the_newest, decide
 from fdd.diagnosis.departures import WITHIN_FRAMES
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.hypotheses import Hypothesis, hypotheses
@@ -281,6 +281,18 @@ def test_a_law_that_is_a_little_off_is_no_evidence_against_its_fault() -> None:
     apart = hypothesis("apart", [1.0, 0.9, 0.0])
     (found, *_), _ = decide(drawn(1, [(LEAK, 1.0, 40)]), [LEAK, apart], 6.0)
     assert found.group == ["leak"], "what is far off is told apart"
+
+
+def test_a_large_effect_in_one_balance_does_not_hide_what_another_says() -> None:
+    """A leak that rubs less as well: its friction gains a thirtieth of what the leak does."""
+    for seed in range(5):
+        evidence = drawn(seed, [(LEAK, 1.0, 40)])
+        rubs = in_torque(evidence, 50 + seed, (hypothesis("rubs", [0.17, 0.0, 0.0]), 1.0, 40))
+        seal = Hypothesis("seal", "seal", {**LEAK.columns, **rubs.columns}, 0.7, True)
+        (found, *_), _ = decide(evidence, [LEAK, seal], 6.0)
+        leak, both = (f.gain for f in evidence.fits([LEAK, seal], []))
+        assert 0.0 < both - leak < LAW_DOUBT**2 * both, "else this shows nothing"
+        assert found.group == ["seal"]
 
 
 @pytest.mark.parametrize("seed", range(5))
