@@ -179,7 +179,10 @@ class Evidence:
         size = b / lam
         size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
         gain = size * (b - 0.5 * lam * size)
-        return np.where(takes[..., None], np.moveaxis(gain, 1, 2), -np.inf)
+        # What was there before the first frame does not grow in the first seconds, as starts of sound logs do.
+        ramp = np.array(KINDS) == "ramp"
+        takes = takes[..., None] & ~(ramp[:, None, None] & (self.onsets == 0))
+        return np.where(takes, np.moveaxis(gain, 1, 2), -np.inf)
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
         """Score contribution (h, n) of known faults to a balance's frames, less the shift they cause."""
