@@ -343,9 +343,10 @@ class Pipeline(Restorable):
         for added in self._added:
             values[added.name], stds[added.name] = added.over(records["ekf"]["time"])
         time, names, misfit = self.misfits()
-        at, scores = np.array([(0.0, 0.0), *self._scans]).T  # nothing is known before it was looked at
-        statistic = scores[np.searchsorted(at[1:], time, side="right")]
         now, watched = answer or self.finish(), self._tracked.observed_throughout()
+        # Nothing is known before it was looked at; the last look is the answer's own.
+        at, scores = np.array([(0.0, 0.0), *self._scans, *((t, self.score) for t in time[-1:])]).T
+        statistic = scores[np.searchsorted(at[1:], time, side="right")]
         seen, _ = believed(watched, records["ekf"], self.unit, self.channels, now.faults)
         hidden = hidden_share(now.not_visible)
         return Trajectories(

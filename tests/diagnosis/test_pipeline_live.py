@@ -198,6 +198,7 @@ def test_trajectories_end_with_what_the_answer_says(unit: Unit, leaking: Samples
     answer = pipeline.finish()
     over = pipeline.trajectories(answer)
     assert over.time[0] < 1.0 and over.time[-1] > 31.9 and (np.diff(over.time) > 0.0).all()
+    assert over.statistic[-1] == pipeline.score != over.statistic[-2], "the last look is the answer's own"
     for name, said in answer.estimates.items():
         for values, what in (
             (over.estimates["ekf"], said.value), (over.stds["ekf"], said.std), (over.held, said.held),
