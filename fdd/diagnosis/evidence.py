@@ -179,7 +179,7 @@ class Evidence:
         size = b / lam
         size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
         gain = size * (b - 0.5 * lam * size)
-        # What was there before the first frame does not grow in the first seconds, as starts of sound logs do.
+        # What was there before does not grow in the first seconds, as the start of a sound log does.
         ramp = np.array(KINDS) == "ramp"
         takes = takes[..., None] & ~(ramp[:, None, None] & (self.onsets == 0))
         return np.where(takes, np.moveaxis(gain, 1, 2), -np.inf)

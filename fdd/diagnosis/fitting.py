@@ -150,8 +150,8 @@ class Fit:
         acts, larger than `size` for an intermittent fault. gain : log likelihood ratio by the rows' own
         variance alone. overdispersion : variance of the scores of healthy stretches over their information.
         reduced_chi_square : the same of the stretches under the fault. blocks : effective number of stretches
-        behind it. score : log odds against none, without the prior weight. by_balance : (2, balances) what each
-        balance adds to the log likelihood ratio, and would add if the fault acted there as its law says.
+        behind it. score : log odds against none, without the prior weight. by_balance : (2, balances) what
+        each adds to the log likelihood ratio, and would add if the fault acted there as its law says.
     """
 
     size: float
@@ -278,7 +278,8 @@ def fit(
     active_amplitude = np.clip(size * while_acting, -most, most)
     variance = 1.0 / precision + np.maximum(reduced_chi_square - overdispersion, 0.0) / schur
     rows = (size, variance, active_amplitude, gain, overdispersion, reduced_chi_square, behind, score)
-    return [Fit(*row, each) for row, each in zip(np.column_stack(rows).tolist(), by_balance, strict=True)]
+    fits = zip(np.column_stack(rows).tolist(), by_balance, strict=True)
+    return [Fit(*[*row, parts_of_gain]) for row, parts_of_gain in fits]
 
 
 def _summed(joints: Sequence[Joint], precision: Array) -> tuple[Array, Array]:
