@@ -66,6 +66,12 @@ class Amplitude(Fit):
         return [int(self.onsets[np.searchsorted(below, share)]) for share in shares]
 
 
+def _there_before(kind: str, onset: int) -> bool:
+    """Whether a fault was there before the first frame. One that grows from there on is a change within the
+    log, held against what healthy logs change by."""
+    return onset == 0 and kind == "step"
+
+
 def _likeliest(gain: Array) -> int:
     """Place of the largest gain over onsets; the middle of a plateau, which frames that tell nothing make."""
     best = np.flatnonzero(gain >= (1.0 - 1e-6) * gain.max())
@@ -150,8 +156,8 @@ class Evidence:
             for i, (h, kind) in enumerate(zip(testable, best.tolist(), strict=True))
             if most[kind, i] > LEAST_GAIN
         ]
-        early = self.fitted([x for x in found if x[2] == 0], known)
-        return [*early, *self.fitted([x for x in found if x[2] > 0], known)]
+        early, later = ([x for x in found if _there_before(*x[1:3]) is b] for b in (True, False))
+        return [*self.fitted(early, known), *self.fitted(later, known)]
 
     def _gains(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> Array:
         """Gains (kinds, f, k) of hypotheses with each kind of time profile over onsets; -inf for kinds that
@@ -179,10 +185,7 @@ class Evidence:
         size = b / lam
         size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
         gain = size * (b - 0.5 * lam * size)
-        # What was there before does not grow in the first seconds, as the start of a sound log does.
-        ramp = np.array(KINDS) == "ramp"
-        takes = takes[..., None] & ~(ramp[:, None, None] & (self.onsets == 0))
-        return np.where(takes, np.moveaxis(gain, 1, 2), -np.inf)
+        return np.where(takes[..., None], np.moveaxis(gain, 1, 2), -np.inf)
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
         """Score contribution (h, n) of known faults to a balance's frames, less the shift they cause."""
@@ -206,7 +209,8 @@ class Evidence:
             s = e.schur_complement(found.time_profile)
             left = found.time_profile @ (e.rest - self._moved(name, known))
             changed = changes(e, np.einsum("h,hij->ij", found.time_profile, e.information)[None])[0]
-            usual = np.diag(e.healthy.covariance if found.onset == 0 else changed)
+            before = _there_before(found.kind, found.onset)
+            usual = np.diag(e.healthy.covariance if before else changed)
             wide, own = (
                 np.linalg.solve(np.eye(left.size) + v[:, None] * s, np.diag(v))
                 for v in (np.diag(e.healthy.covariance) * FREE_SPREAD**2 + usual, usual)
@@ -239,7 +243,7 @@ class Evidence:
         time_profiles = np.stack([first, *(np.tile(n.time_profile, (len(found), 1)) for n in known)], axis=1)
         parts = self._parts([[h, *others] for h, *_ in found], time_profiles)
         out = []
-        fits = fit(self.balances, parts, from_start=found[0][2] == 0, stretches=self.stretches)
+        fits = fit(self.balances, parts, from_start=_there_before(*found[0][1:3]), stretches=self.stretches)
         for (h, kind, onset, gain), time_profile, f in zip(found, first, fits, strict=True):
             f.score += float(np.log(h.prior_weight))
             out.append(Amplitude(**vars(f), hypothesis=h, time_profile=time_profile, kind=kind, onset=onset,

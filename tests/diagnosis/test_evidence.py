@@ -66,6 +66,9 @@ def test_what_a_healthy_unit_drifts_by_is_no_fault_however_much_a_log_tells() ->
     told = best(quiet, LEAK)
     assert told.variance == pytest.approx(drift**2, rel=0.3)
     assert told.size > 3.0 * drift and told.score < 6.0
+    # What grows from the first frame on is a change within the log as well.
+    (grown,) = drawn(1, steady=True).fitted([(LEAK, "ramp", 0, np.zeros(1))], [])
+    assert grown.variance == pytest.approx(drift**2, rel=0.1)
 
 
 def test_a_fault_that_a_log_tells_nothing_of_is_not_found_in_it() -> None:

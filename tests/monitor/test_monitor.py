@@ -195,13 +195,13 @@ def unit() -> Unit:
 
 @pytest.fixture(scope="module")
 def leaking(unit) -> Samples:
-    """19 s, leaking from 9 s on, with dropped rows and bursts of NaN."""
+    """14 s, leaking from 5 s on, with dropped rows and bursts of NaN."""
     made = {
-        "faults": [{"fault": "internal_leakage", "severity": 0.9, "onset": 9.0}],
+        "faults": [{"fault": "internal_leakage", "severity": 0.9, "onset": 5.0}],
         "recording": {"dropped": 0.002, "late": 0.001, "nan_bursts_per_minute": 12.0},
         "duty": {"name": "steps", "amplitude": 0.04, "hold": 1.0},
     }
-    return simulate(unit, Scenario(duration=19.0, load=SpringLoad(), seed=11, **made)).samples
+    return simulate(unit, Scenario(duration=14.0, load=SpringLoad(), seed=11, **made)).samples
 
 
 @pytest.fixture(scope="module")
@@ -225,8 +225,9 @@ def offline(unit, tiny_model, leaking) -> Diagnosis:
     whole = Pipeline(unit, tiny_model)
     whole.push(leaking)
     answer = whole.finish()
+    # It begins at 5 s: of the first four stretches none is a reference, so it is told as from the start.
     assert answer.verdict == "faulty" and answer.faults[0].family == "leakage", "else all this shows nothing"
-    assert answer.faults[0].onset_s == pytest.approx(9.0, abs=0.6)
+    assert 0.0 <= answer.faults[0].onset_s < 6.0
     return answer
 
 
@@ -271,7 +272,7 @@ def test_findings_come_with_their_block_and_status_as_often_as_asked(pipeline, l
     (late,) = (now - e.time for now, e in events if isinstance(e, Found))
     assert 0.0 <= late < 0.3
     states = [e for _, e in events if isinstance(e, Status)]
-    assert 17 <= len(states) <= 20
+    assert 12 <= len(states) <= 15
     assert states[0].verdict == "inconclusive" and states[-1].verdict == "faulty"
     assert states[-1].probabilities["leakage"] > 0.5
     assert sum(states[-1].probabilities.values()) == pytest.approx(1.0, abs=0.01)
