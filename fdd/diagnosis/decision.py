@@ -169,9 +169,10 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
     seal leaks, a stuck valve shifts the pressure in a sensor's line. A ramp in whose growth the other begins
     counts as simultaneous. A fault does not end where it begins.
     """
-    grown = fit.onset + (RAMP_FRAMES if fit.kind == "ramp" else 0)
     for n in known:
-        if not fit.onset - TOGETHER_FRAMES <= n.onset <= grown + TOGETHER_FRAMES:
+        first, later = sorted((fit, n), key=lambda f: f.onset)
+        grown = first.onset + (RAMP_FRAMES if first.kind == "ramp" else 0)
+        if later.onset > grown + TOGETHER_FRAMES:
             continue
         shared = n.hypothesis.columns.keys() & fit.hypothesis.columns.keys()
         of_its_law = bool(shared) and fit.gain <= LAW_DOUBT**2 * n.gain

@@ -2,9 +2,9 @@
 
 A fault moves a balance's coefficients by its amplitude times its columns: from the unit's own, where it was
 there before the first frame, or from those before its onset. Healthy coefficients change as well: from log to
-log (`Effects.log_variance`), and within one by what changes in minutes and by the regime. A law errs by an
-amount of its own in every duty, so a change of duty is a draw as a change of log is, the more so the less
-alike the information before and after it.
+log (`Effects.log_variance`), within one as a random walk, which a step is not, and by the regime. A law errs
+by an amount of its own in every duty, so a change of duty is a draw as a change of log is, the more so the
+less alike the information before and after it.
 
 What healthy logs differ by, and stretches scatter by, is Student's t: one log or stretch may be unusual.
 """
@@ -19,15 +19,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.residuals.bins import FRAME_S
+from fdd.residuals.effects import Effects
 
 if TYPE_CHECKING:
-    from fdd.diagnosis.fitting import BalancePosterior, Parts
+    from fdd.diagnosis.fitting import Parts
 
 Array = NDArray[np.float64]
 
 WITHIN_FRAMES = 300.0
 """Frames (150 s) in which the random walk of a healthy unit's coefficients has the standard deviation
 `Effects.within`."""
+MODES = 24
+"""Most modes of that walk, which have 97 % of its variance about its mean."""
+LEAST_INFORMATION = 0.01
+"""Information of a standard normal variable below which it is left out: it would change no amplitude's
+information by more than this share."""
 VAGUE = 1e3
 """Prior standard deviation of an amplitude: uninformative."""
 STUDENT = 4.0
@@ -35,6 +41,106 @@ STUDENT = 4.0
 stretches. The likeliest are 3 to 7, by balance, for logs that the spreads were not learnt from (140 simulated
 units), and 4 for stretches (25 of them). Lange, Little and Taylor 1989 (doi
 10.1080/01621459.1989.10478852) take 4 where nothing is known."""
+
+
+class BalancePosterior:
+    """Gaussian posterior of one balance's coefficients in a log, and of how they drift in it.
+
+    Healthy coefficients are drawn about the unit's by the variance from log to log. About that level they
+    wander as a random walk does about its mean, by the first modes of its Karhunen-Loève expansion (cosines),
+    and go with the viscosity of oil that warms unmeasured. All of it is columns times standard normal
+    variables, turned so that these are independent in the posterior, too.
+
+    Parameters
+    ----------
+    information, vector : (h, n, n) and (h, n) of its frames, the wander marginalised. healthy : effects of
+        the unit (the prior), with the scatter of its own healthy logs.
+
+    Attributes
+    ----------
+    total : (n, n) information of all frames. deviation : (h, n), scores of the frames at the unit's
+        coefficients. basis, contribution : (h, n, z), columns of the variables, and what a variable adds to
+        the frames' scores. values, score, variance : (z,), of each variable its information, its score and
+        its posterior variance. own : (n, z), rotation of the level's variables. rest : (h, n), scores of the
+        frames at the posterior mean.
+    """
+
+    def __init__(self, information: Array, vector: Array, healthy: Effects) -> None:
+        self.information, self.healthy = information, healthy
+        self.total: Array = information.sum(axis=0)
+        columns = _healthy_columns(information, healthy)
+        moved, z = information @ columns, columns.shape[2]
+        values, turned = np.linalg.eigh(columns.reshape(-1, z).T @ moved.reshape(-1, z))
+        seen = values > LEAST_INFORMATION
+        self.values, turned = values[seen], turned[:, seen]
+        self.basis, self.contribution = columns @ turned, moved @ turned
+        self.own = turned[: len(self.total)]
+        self.deviation = vector - information @ healthy.mean
+        self.score = self.projected(self.deviation)
+        self.variance = 1.0 / (1.0 + self.values)
+        self.rest = self.deviation - self.contribution @ (self.variance * self.score)
+
+    def moved(self, time_profiles: Array) -> Array:
+        """Contribution (…, n, z) of the variables, summed over time profiles (…, h)."""
+        flat = self.contribution.reshape(len(self.contribution), -1)
+        return (time_profiles @ flat).reshape(*time_profiles.shape[:-1], *self.contribution.shape[1:])
+
+    def schur_complement(self, time_profile: Array) -> Array:
+        """Information (n, n) of a change of the coefficients over a time profile (h,), the healthy variables
+        eliminated: the Schur complement of their block."""
+        moved = self.moved(time_profile)
+        squared = np.einsum("h,hij->ij", time_profile**2, self.information)
+        return np.asarray(squared - (moved * self.variance) @ moved.T)
+
+    def conditional(self, changes: Array) -> tuple[Array, Array]:
+        """Posterior under the prior conditional on no deviation along changes (f, n) of the coefficients.
+
+        A fault present from the first frame shifts the log's own coefficients, so the two cannot be told
+        apart within the log. With the prior's variance along the change taken out, the remaining scores show
+        how the change scatters from stretch to stretch.
+
+        Returns
+        -------
+        (f, z, z) and (f, h, n): covariance of the variables, and `rest`, for each change.
+        """
+        along = np.linalg.solve(np.linalg.cholesky(self.healthy.covariance), changes.T).T
+        along /= np.linalg.norm(along, axis=1, keepdims=True).clip(1e-300)
+        along = along @ self.own
+        taken = along * self.variance
+        # Variables that no frame tells keep their variance of 1.
+        left = np.sum(taken * along, axis=1) + 1.0 - np.sum(np.square(along), axis=1)
+        inverse = np.diag(self.variance) - taken[:, :, None] * (taken / left[:, None])[:, None]
+        return inverse, self.deviation - self.shifted(inverse @ self.score)
+
+    def projected(self, scores: Array) -> Array:
+        """Scores (z,) of the variables by scores (h, n) of the frames."""
+        return np.asarray(scores.ravel() @ self.basis.reshape(scores.size, self.values.size))
+
+    def shifted(self, variables: Array) -> Array:
+        """What variables (…, z) add to the frames' scores, (…, h, n)."""
+        flat = self.contribution.reshape(self.deviation.size, self.values.size)
+        return (variables @ flat.T).reshape(*variables.shape[:-1], *self.deviation.shape)
+
+    def score_contribution(self, changes: Array) -> Array:
+        """What changes (…, n) of the coefficients add to the frames' scores, (…, h, n)."""
+        n = changes.shape[-1]
+        return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
+
+
+def _healthy_columns(information: Array, healthy: Effects) -> Array:
+    """Columns (h, n, z) of the healthy coefficients' standard normal variables, by information (h, n, n)."""
+    frames, n = information.shape[:2]
+    along, k = (np.arange(frames) + 0.5) / frames, np.pi * np.arange(1, MODES + 1)
+    # A log drifts no further than two logs differ; of epochs, which are logs, that is taken out.
+    most = np.where(healthy.log_variance > 0.0, 2.0 * healthy.log_variance, np.inf)
+    drifts = np.sqrt(np.minimum(np.square(healthy.within) * frames / WITHIN_FRAMES, most))
+    walk = np.sqrt(2.0) * np.cos(along[:, None] * k) / k
+    each = np.einsum("hii->hi", information) * np.square(drifts)
+    mode, of = np.nonzero(np.square(walk).T @ each > LEAST_INFORMATION)
+    walks = walk[:, mode][:, None] * (drifts[of] * np.eye(n)[:, of])
+    warmed = (frames * FRAME_S * (along - 0.5))[:, None, None] * (healthy.warming * np.ones(n))[:, None]
+    level = np.broadcast_to(np.linalg.cholesky(healthy.covariance), (frames, n, n))
+    return np.concatenate([level, walks, warmed], axis=2)
 
 
 class Departures(NamedTuple):
@@ -78,7 +184,8 @@ def _part(
     e: BalancePosterior, g: Array, time_profiles: Array, overdispersion: Array, *, from_start: bool
 ) -> tuple[Array, Array, Array]:
     """One balance's scores (…, f, p) and information (…, f, p, p) of the amplitudes, healthy changes of the
-    coefficients marginalised; and how much information a relative increase of the prior's variance costs.
+    coefficients marginalised; and how much information a relative increase of the variance from log to log
+    costs.
 
     Noise of κ times the variance is a prior of κ times the precision, and all information divided by κ.
 
@@ -88,56 +195,44 @@ def _part(
     """
     f, p, n = g.shape
     flat = e.information.reshape(len(e.information), -1)
-    sums = (time_profiles @ flat).reshape(f, p, n, n)
-    moved = _times(sums, g)
     both = np.stack([(time_profiles[:, i, None] * time_profiles) @ flat for i in range(p)], axis=1)
     contribution = _times(both.reshape(f, p, p, n, n), g[:, None])  # of the second to the first's scores
     information = np.sum(g[:, :, None] * contribution, axis=-1)
-    k, prior = overdispersion[..., None, None], np.linalg.inv(e.healthy.covariance)
-    seen = e.rest.sum(axis=0) + e.total @ e.solution
-    if from_start:
-        own, contribution, total = e.healthy.mean, moved, e.total
-        vector, inverse_variance = seen - e.total @ own, prior
-    else:
-        by_frames = np.asarray(np.linalg.inv(k * prior + e.total), dtype=np.float64)
-        own = _times(by_frames, k[..., 0] * (prior @ e.healthy.mean) + seen)[..., None, :]
-        first, taken = sums[:, 0], moved @ by_frames  # symmetric
-        information = information - taken @ np.swapaxes(moved, -1, -2)
-        contribution = contribution[:, 0] - taken @ first
-        total = np.asarray(both.reshape(f, p, p, n, n)[:, 0, 0] - first @ by_frames @ first)
-        inverse_variance = np.linalg.inv(changes(e, first))
-    rest = time_profiles @ e.rest + _times(sums, e.solution - own)
-    marginal = np.linalg.inv(k * inverse_variance + total)
-    by_one = contribution @ marginal
-    if from_start:
-        own_shift = by_one
-    else:
-        vector = rest[..., 0, :]
-        own_shift = (moved - by_one @ first) @ by_frames
-    score = np.sum(g * rest, axis=-1) - _times(by_one, vector)
-    information = information - by_one @ np.swapaxes(contribution, -1, -2)
-    return score / k[..., 0], information / k, own_shift @ prior @ np.swapaxes(own_shift, -1, -2)
+    score = np.sum(g * (time_profiles @ e.deviation), axis=-1)
+    sums = e.moved(time_profiles)
+    moved = np.sum(g[..., None] * sums, axis=2)  # (f, p, z)
+    k = overdispersion[..., None, None]
+    weight = 1.0 / (k + e.values)
+    shift = moved * weight
+    information = information - shift @ np.swapaxes(moved, -1, -2)
+    score = score - shift @ e.score
+    if not from_start:
+        first = both.reshape(f, p, p, n, n)[:, 0, 0]
+        root = np.sqrt(by_duty(e, first))
+        changed = root[..., None] * sums[:, 0]
+        transposed = np.swapaxes(changed, -1, -2)
+        total = root[..., None] * first * root[..., None, :] - (changed * weight) @ transposed
+        by_change = contribution[:, 0] * root[:, None] - shift @ transposed
+        vector = root * (time_profiles[:, 0] @ e.deviation) - (changed * weight) @ e.score
+        by_one = by_change @ np.linalg.inv(k * np.eye(n) + total)
+        score = score - _times(by_one, vector)
+        information = information - by_one @ np.swapaxes(by_change, -1, -2)
+        shift = shift - by_one @ (changed * weight)
+    own_shift = shift @ e.own.T
+    return score / k[..., 0], information / k, own_shift @ np.swapaxes(own_shift, -1, -2)
+
+
+def by_duty(e: BalancePosterior, after: Array) -> Array:
+    """Variance (f, n) of the change of a healthy log's coefficients by a change of duty at an onset; `after`
+    (f, n, n) is the information since it."""
+    unlike = 1.0 - _alike(e, e.total - after, after)
+    # A load's coefficients vary from log to log since loads do, which no change of duty brings about.
+    return np.asarray(2.0 * unlike[:, None] * np.where(e.healthy.own, e.healthy.log_variance, 0.0))
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
     """Matrices times vectors, over the axes before them."""
     return np.asarray((matrices @ vectors[..., None])[..., 0])
-
-
-def changes(e: BalancePosterior, after: Array) -> Array:
-    """Covariance (f, n, n) of the change of a healthy log's coefficients between before and after an onset;
-    `after` (f, n, n) is the information since it."""
-    healthy, frames = e.healthy, len(e.information)
-    unlike = 1.0 - _alike(e, e.total - after, after)
-    # A load's coefficients vary from log to log since loads do, which no change of duty brings about.
-    by_duty = np.where(healthy.own, healthy.log_variance, 0.0)
-    # Two halves of a log differ no more than two logs do; of epochs, which are logs, that is taken out.
-    most = np.where(healthy.log_variance > 0.0, 2.0 * healthy.log_variance, np.inf)
-    own = np.minimum(np.square(healthy.within) * frames / WITHIN_FRAMES, most)
-    own = own + 2.0 * unlike[:, None] * by_duty
-    # Between the means of two halves lies half of a log.
-    warmed = 0.5 * frames * FRAME_S * healthy.warming * np.ones_like(healthy.mean)
-    return np.asarray(own[:, :, None] * np.eye(own.shape[1]) + np.outer(warmed, warmed))
 
 
 def _alike(e: BalancePosterior, before: Array, after: Array) -> Array:
@@ -149,30 +244,6 @@ def _alike(e: BalancePosterior, before: Array, after: Array) -> Array:
     # Where all is before or all is after, the rest is rounding, which resembles nothing.
     rounding = 1e-9 * np.sum(np.square(one + two), axis=(1, 2))
     return np.asarray(np.clip(np.sum(one * two, axis=(1, 2)) / (own + rounding + 1e-300), 0.0, 1.0))
-
-
-def unusual(balances: Mapping[str, BalancePosterior], parts: Parts, overdispersion: Array) -> Array:
-    """Excess (f,) of a log's variance about its unit over the usual one, by the directions of the
-    coefficients in which no fault acts. What logs differ by is a multivariate Student's t: one that is
-    unusual is so in all directions. The variance is the posterior mean of its scale, no less than usual."""
-    square, count = np.zeros((2, len(parts.signed)))
-    for name, columns in parts.columns.items():
-        e, mine = balances[name], np.flatnonzero(columns[:, 0].any(axis=1))
-        root = np.linalg.cholesky(e.healthy.covariance)
-        told, turned = np.linalg.eigh(root.T @ e.total @ root)
-        basis = root @ turned / np.sqrt(told.clip(1e-9) * (1.0 + told.clip(1e-9)))
-        weight = told.clip(0.0) / (1.0 + told.clip(0.0))
-        off = (e.rest.sum(axis=0) + e.total @ (e.solution - e.healthy.mean)) @ basis
-        acting = parts.time_profiles[mine] @ e.information.reshape(len(e.information), -1)
-        acting = acting.reshape(*acting.shape[:2], *e.total.shape)
-        sums = np.einsum("fpij,fpj->fpi", acting, columns[mine]) @ basis
-        _, size, q = np.linalg.svd(sums, full_matrices=False)
-        q = np.where(size[..., None] > 1e-9 * size[:, :1, None], q, 0.0)
-        left = off - np.einsum("fpi,fp->fi", q, q @ off)
-        square[mine] += np.square(left) @ weight
-        count[mine] += weight.sum() - np.square(q).sum(axis=1) @ weight
-    square /= 1.0 + overdispersion
-    return np.asarray(np.maximum(square - count, 0.0) / (STUDENT + count))
 
 
 def freedom(healthy: Array, blocks: Array) -> Array:

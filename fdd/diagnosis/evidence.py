@@ -4,9 +4,10 @@ A fault adds its amplitude ``a`` times its columns ``G`` times its time profile 
 coefficients. With the coefficients before the onset marginalised, its amplitude has information ``λ`` and
 score ``b``; suffix sums over frames give every onset at the same cost:
 
-    λ = Gᵀ[Σφ²M - (ΣφM) T (ΣφM)]G,   b = Gᵀ[Σφm - (ΣφM) T (P⁻¹μ + Σm)],   T = (P⁻¹ + ΣM)⁻¹
+    λ = Gᵀ[Σφ²M - (ΣφMB) T (ΣφMB)ᵀ]G,   b = Gᵀ[Σφm - (ΣφMB) T ΣBᵀm],   T = (I + ΣBᵀMB)⁻¹
 
-P and μ are the unit's own prior. `fdd.diagnosis.fitting` turns amplitudes into scores.
+B are the columns of what a healthy log's coefficients differ by from the unit's own, about which m is taken
+(`BalancePosterior`). `fdd.diagnosis.fitting` turns amplitudes into scores.
 """
 
 from __future__ import annotations
@@ -17,10 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.departures import VAGUE, as_normal, changes, freedom
+from fdd.diagnosis.departures import VAGUE, BalancePosterior, as_normal, by_duty, freedom
 from fdd.diagnosis.fitting import (
     GREATEST,
-    BalancePosterior,
     Fit,
     Parts,
     Stretches,
@@ -173,8 +173,8 @@ class Evidence:
             columns = np.array([h.columns[name] for h in hypotheses if name in h.columns])
             contribution = np.moveaxis(e.score_contribution(columns), 0, 1)  # (h, f, n)
             own = SuffixSums(np.einsum("hfn,fn->hf", contribution, columns))
-            # What the log's own coefficients absorb, by a square root of their covariance.
-            given = SuffixSums(contribution @ e.root)
+            # What the log's own level and drift absorb, by a square root of their covariance.
+            given = SuffixSums(np.einsum("fn,hnz->hfz", columns, e.contribution * np.sqrt(e.variance)))
             scores = SuffixSums((e.rest - self._moved(name, known)) @ columns.T)
             for i, kind in enumerate(KINDS):
                 k = takes[i, mine]
@@ -197,7 +197,7 @@ class Evidence:
         )
         if isinstance(added, int):  # no known fault is in this balance
             return added
-        return added - e.score_contribution(e.inverse @ added.sum(axis=0))
+        return added - e.shifted(e.variance * e.projected(added))
 
     def unexplained(self, found: Amplitude, known: Sequence[Amplitude]) -> float:
         """Log likelihood ratio of an unmodelled change of a finding's balances from its onset on, against
@@ -208,9 +208,9 @@ class Evidence:
             e = self.balances[name]
             s = e.schur_complement(found.time_profile)
             left = found.time_profile @ (e.rest - self._moved(name, known))
-            changed = changes(e, np.einsum("h,hij->ij", found.time_profile, e.information)[None])[0]
+            (changed,) = by_duty(e, np.einsum("h,hij->ij", found.time_profile, e.information)[None])
             before = _there_before(found.kind, found.onset)
-            usual = np.diag(e.healthy.covariance if before else changed)
+            usual = np.diag(e.healthy.covariance) if before else changed
             wide, own = (
                 np.linalg.solve(np.eye(left.size) + v[:, None] * s, np.diag(v))
                 for v in (np.diag(e.healthy.covariance) * FREE_SPREAD**2 + usual, usual)
@@ -252,7 +252,7 @@ class Evidence:
 
     def _columns(self, name: str, hypotheses: Sequence[Hypothesis]) -> Array:
         """Hypotheses' columns (f, n) in a balance, zero where they do not change it."""
-        none = np.zeros(self.balances[name].solution.size)
+        none = np.zeros(self.balances[name].healthy.mean.size)
         return np.array([h.columns.get(name, none) for h in hypotheses])
 
     def _parts(self, faults: Sequence[Sequence[Hypothesis]], time_profiles: Array) -> Parts:

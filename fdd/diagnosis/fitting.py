@@ -18,9 +18,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.departures import Departures, departures, freedom, heavy_tailed, log_normal, unusual
+from fdd.diagnosis.departures import (
+    BalancePosterior,
+    Departures,
+    departures,
+    freedom,
+    heavy_tailed,
+    log_normal,
+)
 from fdd.residuals.bins import BLOCK_FRAMES
-from fdd.residuals.effects import Effects
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -35,63 +41,6 @@ LEAST_SCATTER = 0.2
 """Lower bound of the overdispersion; below 1 since wander and noise floors are those of the worse units."""
 GREATEST = 2.0
 """Upper bound of a severity: 1.0 is gross, and the scale may be off by a factor of two on another machine."""
-
-
-class BalancePosterior:
-    """Gaussian posterior of one balance's coefficients in a log.
-
-    Parameters
-    ----------
-    information, vector : (h, n, n) and (h, n) of its frames, the wander marginalised. healthy : effects of
-        the unit (the prior), with the scatter of its own healthy logs.
-
-    Attributes
-    ----------
-    solution, inverse, root : (n,), (n, n) and (n, n), posterior mean, its covariance and a square root of
-        that. total : (n, n) information of all frames. rest : (h, n), scores of the frames at the mean.
-    """
-
-    def __init__(self, information: Array, vector: Array, healthy: Effects) -> None:
-        self.information, self.healthy = information, healthy
-        self.total: Array = information.sum(axis=0)
-        prior = np.linalg.inv(healthy.covariance)
-        self.inverse: Array = np.asarray(np.linalg.inv(prior + self.total), dtype=np.float64)
-        self.solution: Array = self.inverse @ (prior @ healthy.mean + vector.sum(axis=0))
-        self.rest = vector - information @ self.solution
-        values, vectors = np.linalg.eigh(0.5 * (self.inverse + self.inverse.T))
-        self.root: Array = vectors * np.sqrt(values.clip(0.0))
-
-    def schur_complement(self, time_profile: Array) -> Array:
-        """Information (n, n) of a change of the coefficients over a time profile (h,), the log's own
-        coefficients eliminated: the Schur complement of their block."""
-        flat, shape = self.information.reshape(time_profile.size, -1), self.information.shape[1:]
-        moved, squared = ((c @ flat).reshape(shape) for c in (time_profile, time_profile**2))
-        return np.asarray(squared - moved @ self.inverse @ moved)
-
-    def conditional(self, changes: Array) -> tuple[Array, Array]:
-        """Posterior under the prior conditional on no deviation along changes (f, n) of the coefficients.
-
-        A fault present from the first frame shifts the log's own coefficients, so the two cannot be told
-        apart within the log. With the prior's variance along the change taken out, the remaining scores show
-        how the change scatters from stretch to stretch.
-
-        Returns
-        -------
-        (f, n, n) and (f, h, n): `inverse` and `rest` for each change.
-        """
-        covariance = self.healthy.covariance
-        along = np.einsum("fi,ij,fj->f", changes, np.linalg.inv(covariance), changes)
-        outer = changes[:, :, None] * changes[:, None, :]
-        across = covariance - outer / np.where(along > 0.0, along, 1.0)[:, None, None]
-        inverse: Array = np.asarray(np.linalg.solve(np.eye(changes.shape[1]) + across @ self.total, across))
-        contribution = self.rest.sum(axis=0) + self.total @ (self.solution - self.healthy.mean)
-        moved = self.solution - self.healthy.mean - inverse @ contribution
-        return inverse, self.rest + self.score_contribution(moved)
-
-    def score_contribution(self, changes: Array) -> Array:
-        """What changes (…, n) of the coefficients add to the frames' scores, (…, h, n)."""
-        n = changes.shape[-1]
-        return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
 
 
 class Joint:
@@ -114,12 +63,12 @@ class Joint:
         from_start: bool = False,
     ) -> None:  # fmt: skip
         self.balance, self.mine = balance, mine
-        self.inverse, self.rest = balance.inverse[None], balance.rest[None]
+        self.inverse, self.rest = np.diag(balance.variance)[None], balance.rest[None]
         if from_start:
             self.inverse, self.rest = balance.conditional(columns[:, 0])
         self.acting = time_profiles[..., None] * columns[:, :, None, :]
         self.contribution = time_profiles[..., None] * balance.score_contribution(columns)
-        self.total_contribution = self.contribution.sum(axis=2)
+        self.total_contribution: Array = np.sum(columns[..., None] * balance.moved(time_profiles), axis=2)
         f, p = columns.shape[:2]
         acting = self.acting.reshape(f, p, -1)
         self.information: Array = acting @ np.swapaxes(self.contribution.reshape(f, p, -1), 1, 2)
@@ -128,16 +77,18 @@ class Joint:
         self.vector: Array = (acting @ self.rest.reshape(len(self.rest), -1, 1))[..., 0]
 
     def nuisance_shift(self, a: Array) -> Array:
-        """Shift of the log's own coefficients, the nuisance parameters, by amplitudes (f, p): (f, n)."""
-        total = np.einsum("fpn,fp->fn", self.total_contribution, a)
+        """Shift of the log's own variables, the nuisance parameters, by amplitudes (f, p): (f, z)."""
+        total = np.einsum("fpz,fp->fz", self.total_contribution, a)
         return np.asarray((self.inverse @ total[..., None])[..., 0])
 
     def frame_shift(self, a: Array) -> tuple[Array, Array]:
         """Deviation of each frame's coefficients from the log's own, with amplitudes (f, p), and what it adds
         to the frame's score, (f, h, n) each."""
         shift = self.nuisance_shift(a)
-        off = np.einsum("fphn,fp->fhn", self.acting, a) - shift[:, None]
-        return off, np.einsum("fphn,fp->fhn", self.contribution, a) - self.balance.score_contribution(shift)
+        flat = self.balance.basis.reshape(self.balance.deviation.size, shift.shape[1])
+        off = np.einsum("fphn,fp->fhn", self.acting, a)
+        off -= (shift @ flat.T).reshape(off.shape)
+        return off, np.einsum("fphn,fp->fhn", self.contribution, a) - self.balance.shifted(shift)
 
 
 @dataclass
@@ -215,11 +166,6 @@ def fit(
     schur = 1.0 / inverse[:, 0, 0]  # information of the amplitude, the known faults' free
     # Direction of the amplitudes for the first one, the known ones fitted to it.
     along = (size * schur)[:, None] * inverse[:, :, 0]
-    prior_information = np.zeros(size.size)
-    for j in joints:
-        d = j.nuisance_shift(along[j.mine])
-        weighed = np.linalg.solve(j.balance.healthy.covariance, d.T).T
-        prior_information[j.mine] += np.einsum("fn,fn->f", d, weighed)
     by_balance = np.zeros((size.size, 2, len(balances)))
     for place, j in zip(map(list(balances).index, parts.columns), joints, strict=True):
         d = along[j.mine]
@@ -255,7 +201,7 @@ def fit(
     reduced_chi_square = np.maximum(reduced_chi_square, 1.0)
     directions = {n: np.einsum("fp,fpn->fn", along, c) for n, c in parts.columns.items()}
     known = known_scatter(balances, directions)
-    overdispersion = _scatter(u, w, time_profiles[:, 0], parts.signed, known, prior_information, blocks)
+    overdispersion = _scatter(u, w, time_profiles[:, 0], known, blocks)
     overdispersion = overdispersion.clip(stretches.least)
     # The overdispersion differs from fault to fault: gains, which are compared with each other, leave it out.
     plain, found, likely = by_noise_model(balances, parts, overdispersion, from_start=from_start)
@@ -265,10 +211,7 @@ def fit(
     gain = np.maximum(gain, schur * size * (free - 0.5 * size))
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
-    more = unusual(balances, parts, overdispersion) if from_start else 0.0
-    spread = 1.0 + likely.healthy * more
-    share = likely.healthy * (1.0 + more) / spread
-    ratio = heavy_tailed(_gain(likely, size) / spread, freedom(share, behind))
+    ratio = heavy_tailed(_gain(likely, size), freedom(likely.healthy, behind))
     occam = 0.5 * np.log1p(scales[:, 0] ** 2 * precision)  # of Laplace's approximation
     score = ratio - occam
     one_sided = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
@@ -330,42 +273,27 @@ def _while_acting(u: Array, w: Array, overdispersion: Array) -> Array:
     return np.asarray(np.maximum(np.divide(square, total, out=np.ones_like(total), where=total > 1e-9), 1.0))
 
 
-def _scatter(
-    u: Array, w: Array, time_profiles: Array, signed: Flags, known: Array, prior_information: Array,
-    blocks: Indices,
-) -> Array:  # fmt: skip
+def _scatter(u: Array, w: Array, time_profiles: Array, known: Array, blocks: Indices) -> Array:
     """Overdispersion (f,): variance of the stretches' scores over their information.
 
     It is estimated on healthy time: on the unit's baseline in the fault's direction (`known_scatter`), and on
     the log's stretches in which the fault does not act (on all, where it always acts). The fault's own time
-    is left out, since a law that fits it badly would make the fault look like chance; but for stretches that
-    speak against a severity, which cannot be negative: E[x² | x < 0] is the variance of a normal x about 0.
-    The baseline counts as `PRIOR_FREEDOM` degrees of freedom (moderated variance: Smyth 2004, doi
-    10.2202/1544-6115.1027).
+    is left out, since a law that fits it badly would make the fault look like chance. The baseline counts as
+    `PRIOR_FREEDOM` degrees of freedom (moderated variance: Smyth 2004, doi 10.2202/1544-6115.1027).
 
     Parameters
     ----------
-    u, w : (f, stretches) scores and information. time_profiles : (f, h) of the faults. signed : (f,), they
-        are severities. known : (f,) by the baseline. prior_information : (f,) that the unit's prior holds on
-        each. blocks : first frames of stretches.
+    u, w : (f, stretches) scores and information. time_profiles : (f, h) of the faults. known : (f,) by the
+        baseline. blocks : first frames of stretches.
     """
     lengths = np.diff(np.append(blocks, time_profiles.shape[1]))
     acts = np.add.reduceat(np.minimum(time_profiles, 1.0), blocks, axis=1) / lengths
-    later = time_profiles[:, :1] < 0.5
-    against = signed[:, None] & later & (u + w < 0.0)
-
-    def moderated(weights: Array, scores: Array) -> Array:
-        information = weights.sum(axis=1)
-        stretches = information**2 / np.maximum(np.sum(weights**2, axis=1), 1e-300) - 1.0
-        # The nuisance parameters' information that the prior gives shows no scatter within the log.
-        share = information / np.maximum(information + prior_information, 1e-300)
-        stretches = np.maximum(stretches, 0.0) * np.where(later[:, 0], share, 1.0)
-        own = np.sum(weights * scores**2 / w, axis=1) / np.maximum(information, 1e-300)
-        return np.asarray((PRIOR_FREEDOM * known + stretches * own) / (PRIOR_FREEDOM + stretches))
-
-    quiet = np.where(later, (1.0 - acts) * w, w)
-    with_those_against = moderated(np.where(against, w, quiet), np.where(against, u + w, u))
-    return np.maximum(moderated(quiet, u), with_those_against)
+    quiet = np.where(time_profiles[:, :1] < 0.5, (1.0 - acts) * w, w)
+    information = quiet.sum(axis=1)
+    stretches = information**2 / np.maximum(np.sum(quiet**2, axis=1), 1e-300) - 1.0
+    stretches = np.maximum(stretches, 0.0)
+    own = np.sum(quiet * u**2 / w, axis=1) / np.maximum(information, 1e-300)
+    return np.asarray((PRIOR_FREEDOM * known + stretches * own) / (PRIOR_FREEDOM + stretches))
 
 
 def known_scatter(balances: Mapping[str, BalancePosterior], directions: Mapping[str, Array]) -> Array:

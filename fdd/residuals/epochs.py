@@ -90,13 +90,16 @@ class Epochs(Restorable):
 
     @staticmethod
     def effects(effects: Mapping[str, Effects]) -> dict[str, Effects]:
-        """A unit's effects for epochs, each of which is one draw of the log-to-log variation."""
+        """A unit's effects for epochs, each of which is one draw of the log-to-log variation, what changes in
+        minutes included."""
         return {
             name: replace(
                 e,
                 information=np.eye(e.mean.size),
                 scatter=np.eye(e.mean.size),
                 log_variance=np.zeros(e.mean.size),  # marginalised in each epoch
+                within=np.zeros(e.mean.size),
+                warming=0.0,
             )
             for name, e in effects.items()
         }

@@ -10,19 +10,19 @@ from scipy.stats import t
 
 from fdd.diagnosis.departures import (
     VAGUE,
+    WITHIN_FRAMES,
     Array,
     Departures,
     as_normal,
-    changes,
+    by_duty,
     departures,
     freedom,
     heavy_tailed,
     log_normal,
-    unusual,
 )
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.fitting import Parts
-from fdd.diagnosis.hypotheses import Hypothesis, time_profile_of
+from fdd.diagnosis.hypotheses import DRIFT_FRAMES, Hypothesis, time_profile_of
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects
 
@@ -30,7 +30,7 @@ from fdd.residuals.effects import Effects
 def frames_of(seed: int, *, steady: bool = False) -> tuple[Array, Array]:
     """Information and its product with the coefficients of each frame."""
     e = drawn(seed, steady=steady).balances[NAME]
-    return e.information, e.rest + e.information @ e.solution
+    return e.information, e.deviation + e.information @ e.healthy.mean
 
 
 def told(information: Array, vector: Array, healthy: Effects = EFFECTS) -> Evidence:
@@ -59,7 +59,7 @@ def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
     e = evidence.balances[NAME]
     found = weighed(evidence, [(LEAK, 0)], overdispersion=2.0)
     g = LEAK.columns[NAME]
-    estimate = np.linalg.solve(e.total, (e.rest + e.information @ e.solution).sum(axis=0))
+    estimate = np.linalg.solve(e.total, np.sum(frames_of(3)[1], axis=0))
     inverse = np.linalg.inv(EFFECTS.covariance + 2.0 * np.linalg.inv(e.total))
     information = g @ inverse @ g
     assert found.information[0] == pytest.approx(information, rel=1e-4)
@@ -67,8 +67,11 @@ def test_from_the_start_a_log_is_weighed_with_the_units_own_spread() -> None:
 
 
 @pytest.mark.parametrize("onset", [0, 40])
-def test_noise_of_twice_the_variance_is_half_of_the_information(onset: int) -> None:
-    """Beside another fault too, and for several factors at once."""
+def test_noise_of_twice_the_variance_is_half_of_the_information(
+    onset: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside another fault too, and for several factors; to rounding where no variable is left out."""
+    monkeypatch.setattr("fdd.diagnosis.departures.LEAST_INFORMATION", 0.0)
     m, v = frames_of(3)
     whole, half = told(m, v), told(0.5 * m, 0.5 * v)
     for faults in ([(LEAK, onset)], [(LEAK, onset), (DRIFT, 20)]):
@@ -82,8 +85,8 @@ def test_where_nothing_is_known_before_an_onset_what_follows_resembles_nothing()
     healthy = replace(EFFECTS, log_variance=np.full(3, 0.2**2), within=np.full(3, 1e-3))
     wide = told(*frames_of(6, steady=True), healthy).balances[NAME]
     for before in (0.0, 1e-16, -1e-16):
-        found = changes(wide, (1.0 - before) * wide.total[None])
-        assert found[0, 0, 0] == pytest.approx(2.0 * 0.2**2, rel=1e-3)
+        found = by_duty(wide, (1.0 - before) * wide.total[None])
+        assert found[0, 0] == pytest.approx(2.0 * 0.2**2, rel=1e-3)
 
 
 def test_another_duty_may_be_another_draw() -> None:
@@ -100,20 +103,52 @@ def test_another_duty_may_be_another_draw() -> None:
     assert variance(told(turned, v, loads), LEAK) < 0.1**2
 
 
-def test_a_log_changes_no_more_than_two_logs_differ() -> None:
-    """A change within a log is told to the root of two of what logs differ by."""
-    alike = replace(EFFECTS, within=np.full(3, 0.5), log_variance=np.full(3, 0.03**2))
-    steady = replace(alike, wander=1e-4 * EFFECTS.wander)
-    std = np.sqrt(variance(told(*frames_of(6, steady=True), steady), DRIFT))
-    assert std == pytest.approx(np.sqrt(2.0) * 0.03, rel=0.05)
+@pytest.mark.parametrize("onset", [20, 40, 70])
+def test_a_step_is_weighed_beside_a_random_walk(onset: int) -> None:
+    """Expected: generalised least squares with the walk's whole covariance about its mean, frame by frame."""
+    evidence = drawn(3, frames=FRAMES)
+    e, n = evidence.balances[NAME], EFFECTS.mean.size
+    within = np.array([0.3, 0.1, 0.2])
+    walks = told(*frames_of(3), replace(EFFECTS, within=within, log_variance=np.zeros(n)))
+    step = np.minimum.outer(np.arange(FRAMES), np.arange(FRAMES)) + 1.0  # covariance of a walk by frames
+    centre = np.eye(FRAMES) - 1.0 / FRAMES
+    walk = centre @ step @ centre / WITHIN_FRAMES
+    covariance = np.kron(np.ones((FRAMES, FRAMES)), EFFECTS.covariance) + np.kron(walk, np.diag(within**2))
+    rows = np.zeros((FRAMES * n, FRAMES * n))
+    for h, m in enumerate(e.information):
+        rows[h * n : (h + 1) * n, h * n : (h + 1) * n] = m
+    whole = np.linalg.solve(np.eye(len(rows)) + rows @ covariance, rows)  # information, changes marginalised
+    g = np.kron(time_profile_of("step", FRAMES, onset), LEAK.columns[NAME])
+    found = weighed(walks, [(LEAK, onset)])
+    assert found.information[0] == pytest.approx(g @ whole @ g, rel=0.03)
+    still = told(*frames_of(3), replace(EFFECTS, within=np.zeros(n)))
+    assert weighed(still, [(LEAK, onset)]).information[0] > 1.5 * found.information[0]
+
+
+def test_a_log_drifts_no_further_than_two_logs_differ() -> None:
+    """Of a walk the variance about its mean is a sixth of that at its end; 24 modes have 97 % of it."""
+    for within, log_std, end in ((0.5, 0.03, 2.0 * 0.03**2), (0.02, 0.3, 0.02**2 * FRAMES / WITHIN_FRAMES)):
+        healthy = replace(EFFECTS, within=np.full(3, within), log_variance=np.full(3, log_std**2))
+        e = told(*frames_of(6, steady=True), healthy).balances[NAME]
+        # All that the healthy columns let a coefficient vary by, less its level.
+        spread = np.sum(np.square(e.basis), axis=2) - np.diag(healthy.covariance)
+        assert np.mean(spread, axis=0) == pytest.approx(np.full(3, end / 6.0), rel=0.12)
 
 
 def test_oil_that_warms_unmeasured_changes_coefficients() -> None:
-    """However much a log tells: half of its length at the usual rate, in the viscosity's direction alone."""
-    warms = replace(EFFECTS, wander=1e-4 * EFFECTS.wander, warming=np.array([0.01, 0.0, 0.0]))
+    """However much a log tells: at the usual rate over 50 s, in the viscosity's direction alone."""
+    warms = replace(
+        EFFECTS, within=np.zeros(3), wander=1e-4 * EFFECTS.wander, warming=np.array([0.01, 0.0, 0.0])
+    )
     evidence = told(*frames_of(6, steady=True), warms)
-    leak, other = variance(evidence, LEAK), variance(evidence, DRIFT)
-    assert leak == pytest.approx((0.01 * 0.5 * FRAMES * FRAME_S) ** 2, rel=0.05)
+    parts = Parts({NAME: np.array([[h.columns[NAME]] for h in (LEAK, DRIFT)])},
+                  np.tile(time_profile_of("drift", FRAMES, 0), (2, 1, 1)), np.full((2, 1), VAGUE),
+                  np.zeros(2, np.bool_))  # fmt: skip
+    leak, other = 1.0 / departures(evidence.balances, parts, np.ones(2), from_start=False).information
+    # It is told by its mean over the log, as far as the level is known, and by its growth.
+    mean, level = 0.5 * FRAMES / DRIFT_FRAMES, EFFECTS.covariance[0, 0]
+    growth = (0.01 * DRIFT_FRAMES * FRAME_S) ** 2
+    assert leak == pytest.approx(1.0 / (mean**2 / level + 1.0 / growth), rel=0.01)
     assert other < 0.01 * leak
 
 
@@ -133,18 +168,3 @@ def test_heavy_tailed_is_students_t_of_welchs_degrees_of_freedom() -> None:
         np.testing.assert_allclose(heavy_tailed(ratio, found), by_t)
         np.testing.assert_allclose(as_normal(by_t, found), ratio)
     np.testing.assert_allclose(heavy_tailed(ratio, freedom(0.0 * one, 1e9 * one)), ratio, rtol=1e-3)
-
-
-def test_a_log_is_as_unusual_as_it_is_across_the_fault() -> None:
-    """Beside the scale of a multivariate t: a log off by so many deviations; the leak is along the first."""
-    frames = drawn(1, steady=True).balances[NAME].information
-    std = np.sqrt(np.diag(EFFECTS.covariance))
-    columns, one = {NAME: LEAK.columns[NAME][None, None]}, np.ones((1, 1))
-    parts = Parts(columns, np.ones((1, 1, FRAMES)), one, np.ones(1, np.bool_))
-    for off, kappa in (((9.0, 0.0, 0.0), 0.5), ((0.0, 3.0, 4.0), 0.5), ((5.0, 3.0, 4.0), 2.0)):
-        vector = frames @ (EFFECTS.mean + np.array(off) * std)
-        evidence = told(frames, vector)
-        square = (off[1] ** 2 + off[2] ** 2) / (1.0 + kappa)
-        scale = max((4.0 + square) / (4.0 + 2.0), 1.0)
-        found = unusual(evidence.balances, parts, np.full(1, kappa))
-        np.testing.assert_allclose(found, scale - 1.0, rtol=1e-3, atol=1e-6)

@@ -57,23 +57,25 @@ def test_no_fault_seldom_passes_six() -> None:
 
 
 def test_what_a_healthy_unit_drifts_by_is_no_fault_however_much_a_log_tells() -> None:
-    quiet = drawn(1, [(LEAK, 0.04, 40)], steady=True)
-    drift = EFFECTS.within[0] * np.sqrt(80 / WITHIN_FRAMES)
-    (least,) = quiet.least_visible([LEAK], 40, 6.0)
-    # In ten stretches, of half of whose square in units of the drift 10/12 count.
-    wanted = 6.0 + 0.5 * np.log1p((0.7 / drift) ** 2)
-    assert least == pytest.approx((np.sqrt(2.0 * wanted * 12.0 / 10.0) + 1.2816) * drift, rel=0.1)
-    told = best(quiet, LEAK)
-    assert told.variance == pytest.approx(drift**2, rel=0.3)
-    assert told.size > 3.0 * drift and told.score < 6.0
-    # What grows from the first frame on is a change within the log as well.
-    (grown,) = drawn(1, steady=True).fitted([(LEAK, "ramp", 0, np.zeros(1))], [])
-    assert grown.variance == pytest.approx(drift**2, rel=0.1)
+    """Logs whose coefficients wander as `within` says; of 40, one in fifty may pass six. A step of thrice
+    what they change by over a whole log is told."""
+    drift = EFFECTS.within * np.sqrt(80 / WITHIN_FRAMES)
+    scores, found = [], []
+    for seed in range(40):
+        quiet = drawn(seed, steady=True).balances["volume"]
+        steps = np.random.default_rng(seed).normal(size=(80, 3)) * EFFECTS.within / np.sqrt(WITHIN_FRAMES)
+        for leak, out in ((0.0, scores), (3.0 * drift[0], found)):
+            walk = np.cumsum(steps, axis=0) + leak * (np.arange(80)[:, None] >= 40) * LEAK.columns["volume"]
+            m = quiet.information
+            v = quiet.deviation + (m @ (EFFECTS.mean + walk)[..., None])[..., 0]
+            evidence = Evidence({"volume": (m, v)}, {"volume": quiet.healthy})
+            out.append(max(f.score for f in evidence.fits(ALL, [])))
+    assert sum(s > 6.0 for s in scores) <= 1 and np.median(found) > 6.0
 
 
 def test_a_fault_that_a_log_tells_nothing_of_is_not_found_in_it() -> None:
     whole = drawn(1, [(LEAK, 1.0, 0)]).balances["volume"]
-    m, v = whole.information.copy(), whole.rest + whole.information @ whole.solution
+    m, v = whole.information.copy(), whole.deviation + whole.information @ whole.healthy.mean
     m[:, 0, :] = m[:, :, 0] = v[:, 0] = 0.0
     blind = Evidence({"volume": marginalised(m, v, EFFECTS.wander)}, {"volume": EFFECTS})
     for k in (0, 40):
