@@ -147,7 +147,7 @@ class BalanceHistory(Restorable):
 
     def _early(self, name: str) -> bool:
         """Whether the noise of a balance rests on fewer frames than `RECENT_FRAMES`."""
-        return BALANCES[name].bins_per_row > 1 and len(self.regressions[name].recent) < RECENT_FRAMES
+        return BALANCES[name].bins_per_row > 1 and self.regressions[name].seen < RECENT_FRAMES
 
     def _settled(self, name: str) -> list[NormalEquations]:
         return self._shared(name) if self._early(name) else self.equations[name]

@@ -30,7 +30,7 @@ LEAST_ROWS = 12
 MEMORY = 0.95
 """Forgetting factor of the noise's statistics from frame to frame: a time constant of ten seconds."""
 RECENT_FRAMES = 20
-"""Frames of that memory where rows themselves are kept."""
+"""Frames of that memory where rows themselves are kept: ten seconds, whether a machine moves or stands."""
 MOST_COLOUR = 0.95
 """Upper bound of the lag-one correlation of rows: ten seconds do not determine a larger one."""
 NOISE_FLOOR = 0.1
@@ -71,18 +71,19 @@ class RegressionAccumulator(Restorable):
     """Accumulates one balance's regression: normal equations, noise variance, correlation of errors. Of the
     effects it takes the coefficients' mean and the initial noise."""
 
-    STATE = ("weight", "variance_sum", "recent", "level", "phasors")
+    STATE = ("weight", "variance_sum", "recent", "seen", "level", "phasors")
 
     def __init__(self, balance: Balance, effects: Effects) -> None:
         self.balance = balance
         self.mean = effects.mean
         self.size = effects.mean.size
-        self.weight = FIRST_WEIGHT
+        self.weight = FIRST_WEIGHT / balance.bins_per_row
         known = balance.cumulative and effects.information.any()
         self.least = max((1.0 if known else NOISE_FLOOR) * effects.noise, balance.floor) ** 2
         self.usual = effects.noise**2
-        self.variance_sum = FIRST_WEIGHT * self.usual
+        self.variance_sum = self.weight * self.usual
         self.recent: list[Array] = []
+        self.seen = 0
         self.level: Array = np.zeros((1, effects.mean.size + 1))
         # Of the lines so far, by sense of turning, as cosine and sine.
         self.phasors: Array = np.zeros((2, balance.lines, 2))
@@ -114,13 +115,16 @@ class RegressionAccumulator(Restorable):
         """Normal equations of one frame whose rows are means of several bins, or spectral lines, whose last
         column has the sense of turning."""
         n, free = rows.shape[1] - 1, float(rows.shape[0])
+        if not self.balance.lines:  # also without rows, or what moves seldom would remember for minutes
+            self.recent = [*self.recent[1 - RECENT_FRAMES :], rows]
         if free < LEAST_ROWS // self.balance.bins_per_row:
             none = np.zeros((self.size, self.size))
             return NormalEquations(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
         gram = rows.T @ rows
         if self.balance.lines:
             return self._amplitudes(gram, int(np.nanmean(sense) > 0.0), free)
-        variance = self._coloured(rows)
+        self.seen += 1
+        variance = self._coloured(free)
         return NormalEquations(gram[:n, :n] / variance, gram[:n, n] / variance, free, variance)
 
     def _amplitudes(self, gram: Array, sense: int, free: float) -> NormalEquations:
@@ -151,13 +155,13 @@ class RegressionAccumulator(Restorable):
         spread = np.maximum(spread, self.variance_sum / self.weight)
         return NormalEquations(np.diag(1.0 / spread), amplitude / spread, free, variance)
 
-    def _coloured(self, rows: Array) -> float:
+    def _coloured(self, rows: float) -> float:
         """Effective variance of rows with errors of a first-order autoregression.
 
         It is the mean square residual of the last ten seconds' least squares, times (1 + ρ)/(1 - ρ). The
-        model error of a law (a load's own dynamics) is correlated over more rows than a frame has.
+        model error of a law (a load's own dynamics) is correlated over more rows than a frame has. What
+        happened longer ago is not fitted with them: a fault since then would pass for noise.
         """
-        self.recent = [*self.recent[-RECENT_FRAMES + 1 :], rows]
         joined = np.concatenate(self.recent)
         x, y = joined[:, :-1], joined[:, -1]
         scale = 1.0 / np.sqrt(np.square(x).sum(axis=0).clip(1e-300))
@@ -168,11 +172,16 @@ class RegressionAccumulator(Restorable):
         # Bias of the lag-one correlation of few rows (doi 10.1093/biomet/41.3-4.390).
         rho += (1.0 + 3.0 * rho) / y.size
         rho = min(max(rho, 0.0), MOST_COLOUR)
-        free = max(y.size - scale.size, 0.3 * y.size)
-        found = square / free * (1.0 + rho) / (1.0 - rho)
-        # The log's first frames determine their noise badly: the unit's usual one counts as some rows.
-        usual = FIRST_WEIGHT / self.balance.bins_per_row
-        return max((free * found + usual * self.usual) / (free + usual), self.least)
+        free = max(y.size - scale.size, 0.0)
+        found = square / max(free, 0.3 * y.size) * (1.0 + rho) / (1.0 - rho)
+        # Few rows tell little of their noise: the unit's usual, or the log's so far if more, counts as some.
+        count = FIRST_WEIGHT / self.balance.bins_per_row
+        usual = max(self.usual, self.variance_sum / self.weight)
+        variance = (free * found + count * usual) / (free + count)
+        fresh = free * rows / y.size
+        self.variance_sum = MEMORY * self.variance_sum + fresh * found
+        self.weight = MEMORY * self.weight + fresh
+        return max(variance, self.least)
 
     def _rows(self, y: Array, x: Array, ok: Flags) -> Array:
         """Regression rows of the frame, means of `Balance.bins_per_row` bins, less what changes slowly; none

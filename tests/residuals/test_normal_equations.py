@@ -169,3 +169,19 @@ def test_noise_in_a_column_takes_nothing_from_a_healthy_units_coefficient(share:
     found, drawn = (np.linalg.solve(m[np.ix_(pair, pair)], v[pair]) for m, v in (sums[True], sums[False]))
     np.testing.assert_allclose(found, [0.9, 0.4], atol=0.06)
     assert np.abs(drawn - [0.9, 0.4]).max() > 0.02 + 0.2 * share, "else this shows nothing"
+
+
+def test_a_machine_that_stood_has_the_noise_of_the_last_ten_seconds_alone() -> None:
+    """Friction that changed while it stood is no noise of the strokes after it."""
+    balance, rng, frames = BALANCES["force"], np.random.default_rng(12), 64
+    regression = RegressionAccumulator(balance, first_effects("force"))
+    x = np.zeros((TAIL_BINS + frames * FRAME_BINS, len(balance.columns)))
+    x[:, 0] = 1.0
+    forth = np.arange(len(x)) // 20 % 2 == 0
+    x[:, -2], x[:, -1] = forth, -1.0 * ~forth
+    moves = (np.arange(len(x)) // FRAME_BINS % 32) < 12
+    loose = np.arange(len(x)) // FRAME_BINS >= 32
+    y = np.where(loose, 0.3, 1.0) * x[:, -2:].sum(axis=1) + 0.05 * rng.normal(size=len(x))
+    found = [e for e in regression.equations([RegressionBlock(y, x, moves)]) if e.rows]
+    before, after = found[len(found) // 2 - 1], found[-1]
+    assert len(found) >= 22 and after.variance < 2.0 * before.variance
