@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.diagnosis.hypotheses import SuffixSums
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects
 
@@ -31,7 +33,7 @@ WITHIN_FRAMES = 300.0
 `Effects.within`."""
 MODES = 24
 """Most modes of that walk, which have 97 % of its variance about its mean."""
-LEAST_INFORMATION = 0.01
+LEAST_INFORMATION = 0.05
 """Information of a standard normal variable below which it is left out: it would change no amplitude's
 information by more than this share."""
 VAGUE = 1e3
@@ -68,17 +70,26 @@ class BalancePosterior:
     def __init__(self, information: Array, vector: Array, healthy: Effects) -> None:
         self.information, self.healthy = information, healthy
         self.total: Array = information.sum(axis=0)
-        columns = _healthy_columns(information, healthy)
-        moved, z = information @ columns, columns.shape[2]
-        values, turned = np.linalg.eigh(columns.reshape(-1, z).T @ moved.reshape(-1, z))
+        profiles, columns = _healthy_columns(information, healthy)
+        (frames, j), (_, n, z) = profiles.shape, columns.shape
+        pairs = (profiles[:, :, None] * profiles[:, None]).reshape(frames, -1)
+        sums = (pairs.T @ information.reshape(frames, -1)).reshape(j, j, n, n).swapaxes(1, 2)
+        flat = columns.reshape(-1, z)
+        values, turned = np.linalg.eigh(flat.T @ sums.reshape(j * n, j * n) @ flat)
         seen = values > LEAST_INFORMATION
         self.values, turned = values[seen], turned[:, seen]
-        self.basis, self.contribution = columns @ turned, moved @ turned
-        self.own = turned[: len(self.total)]
+        self.own = turned[:n]
+        self.basis = (profiles @ (flat @ turned).reshape(j, -1)).reshape(frames, n, -1)
+        self.contribution: Array = information @ self.basis
         self.deviation = vector - information @ healthy.mean
         self.score = self.projected(self.deviation)
         self.variance = 1.0 / (1.0 + self.values)
         self.rest = self.deviation - self.contribution @ (self.variance * self.score)
+
+    @cached_property
+    def suffix_sums(self) -> SuffixSums:
+        """Of the contribution of the variables, in posterior standard deviations."""
+        return SuffixSums(self.contribution * np.sqrt(self.variance))
 
     def moved(self, time_profiles: Array) -> Array:
         """Contribution (…, n, z) of the variables, summed over time profiles (…, h)."""
@@ -127,20 +138,24 @@ class BalancePosterior:
         return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
 
 
-def _healthy_columns(information: Array, healthy: Effects) -> Array:
-    """Columns (h, n, z) of the healthy coefficients' standard normal variables, by information (h, n, n)."""
+def _healthy_columns(information: Array, healthy: Effects) -> tuple[Array, Array]:
+    """Time profiles (h, j) of the healthy coefficients' standard normal variables, and what these change of
+    the coefficients by each profile, (j, n, z); of a log with information (h, n, n)."""
     frames, n = information.shape[:2]
     along, k = (np.arange(frames) + 0.5) / frames, np.pi * np.arange(1, MODES + 1)
     # A log drifts no further than two logs differ; of epochs, which are logs, that is taken out.
     most = np.where(healthy.log_variance > 0.0, 2.0 * healthy.log_variance, np.inf)
     drifts = np.sqrt(np.minimum(np.square(healthy.within) * frames / WITHIN_FRAMES, most))
     walk = np.sqrt(2.0) * np.cos(along[:, None] * k) / k
-    each = np.einsum("hii->hi", information) * np.square(drifts)
-    mode, of = np.nonzero(np.square(walk).T @ each > LEAST_INFORMATION)
-    walks = walk[:, mode][:, None] * (drifts[of] * np.eye(n)[:, of])
-    warmed = (frames * FRAME_S * (along - 0.5))[:, None, None] * (healthy.warming * np.ones(n))[:, None]
-    level = np.broadcast_to(np.linalg.cholesky(healthy.covariance), (frames, n, n))
-    return np.concatenate([level, walks, warmed], axis=2)
+    told = np.square(walk).T @ (np.einsum("hii->hi", information) * np.square(drifts))
+    mode, of = np.nonzero(told > LEAST_INFORMATION)
+    modes = mode.max(initial=-1) + 1
+    columns = np.zeros((modes + 2, n, n + mode.size + 1))
+    columns[0, :, :n] = np.linalg.cholesky(healthy.covariance)
+    columns[mode + 1, of, n + np.arange(mode.size)] = drifts[of]
+    columns[-1, :, -1] = healthy.warming
+    profiles = [np.ones(frames), *walk[:, :modes].T, frames * FRAME_S * (along - 0.5)]
+    return np.column_stack(profiles), columns
 
 
 class Departures(NamedTuple):

@@ -173,14 +173,14 @@ class Evidence:
             columns = np.array([h.columns[name] for h in hypotheses if name in h.columns])
             contribution = np.moveaxis(e.score_contribution(columns), 0, 1)  # (h, f, n)
             own = SuffixSums(np.einsum("hfn,fn->hf", contribution, columns))
-            # What the log's own level and drift absorb, by a square root of their covariance.
-            given = SuffixSums(np.einsum("fn,hnz->hfz", columns, e.contribution * np.sqrt(e.variance)))
             scores = SuffixSums((e.rest - self._moved(name, known)) @ columns.T)
             for i, kind in enumerate(KINDS):
                 k = takes[i, mine]
                 if k.any():
                     lam[i][:, mine[k]] += own.squared(kind, self.onsets)[:, k]
-                    lam[i][:, mine[k]] -= np.square(given.over(kind, self.onsets)[:, k]).sum(axis=2)
+                    # Less what the log's own level and drift absorb.
+                    absorbed = columns[k] @ e.suffix_sums.over(kind, self.onsets)
+                    lam[i][:, mine[k]] -= np.square(absorbed).sum(axis=2)
                     b[i][:, mine[k]] += scores.over(kind, self.onsets)[:, k]
         size = b / lam
         size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
