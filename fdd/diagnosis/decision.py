@@ -95,7 +95,10 @@ def decide(
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left) if left > 0.0 else 1.0
             once = [f for f in _each_once(found) if f.known or not _of_a_larger(f, found)]
-            surest = max(once, key=lambda f: f.score, default=None)
+            # A fault is not in doubt for its own end, which may be the surer finding.
+            surest = max(
+                (f for f in once if f.lead.hypothesis.ends is None), key=lambda f: f.score, default=None
+            )
             for f in once:
                 f.second = f is not surest
             return once, score - against
