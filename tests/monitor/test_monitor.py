@@ -239,8 +239,9 @@ def test_a_replay_gives_the_offline_findings(pipeline, leaking, offline, clock):
     events: list[Event] = []
     answer = watch(Replay(leaking, Quality(), speed=40.0, clock=clock), pipeline, events.append, clock=clock)
     assert same(answer, offline)
-    found = [e for e in events if isinstance(e, Found)]
-    assert [e.time for e in found] == [offline.faults[0].detected_s]
+    # Ten seconds may be named otherwise than the whole log; the alarm comes when the finding says.
+    (found,) = [e for e in events if isinstance(e, Found)]
+    assert found.time == found.finding.detected_s <= offline.faults[0].detected_s
     assert clock.now() - 100.0 == pytest.approx(leaking.duration / 40.0, abs=1e-6)
 
 
