@@ -143,7 +143,7 @@ def _healthy_columns(information: Array, healthy: Effects) -> tuple[Array, Array
     the coefficients by each profile, (j, n, z); of a log with information (h, n, n)."""
     frames, n = information.shape[:2]
     along, k = (np.arange(frames) + 0.5) / frames, np.pi * np.arange(1, MODES + 1)
-    # A log drifts no further than two logs differ; of epochs, which are logs, that is taken out.
+    # A log drifts no further than two logs differ, where that is known.
     most = np.where(healthy.log_variance > 0.0, 2.0 * healthy.log_variance, np.inf)
     drifts = np.sqrt(np.minimum(np.square(healthy.within) * frames / WITHIN_FRAMES, most))
     walk = np.sqrt(2.0) * np.cos(along[:, None] * k) / k
