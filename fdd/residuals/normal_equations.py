@@ -178,9 +178,9 @@ class RegressionAccumulator(Restorable):
         count = FIRST_WEIGHT / self.balance.bins_per_row
         usual = max(self.usual, self.variance_sum / self.weight)
         variance = (free * found + count * usual) / (free + count)
-        fresh = free * rows / y.size
-        self.variance_sum = MEMORY * self.variance_sum + fresh * found
-        self.weight = MEMORY * self.weight + fresh
+        if fresh := free * rows / y.size:  # else what is known would fade to nothing
+            self.variance_sum = MEMORY * self.variance_sum + fresh * found
+            self.weight = MEMORY * self.weight + fresh
         return max(variance, self.least)
 
     def _rows(self, y: Array, x: Array, ok: Flags) -> Array:

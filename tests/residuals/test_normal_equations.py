@@ -185,3 +185,15 @@ def test_a_machine_that_stood_has_the_noise_of_the_last_ten_seconds_alone() -> N
     found = [e for e in regression.equations([RegressionBlock(y, x, moves)]) if e.rows]
     before, after = found[len(found) // 2 - 1], found[-1]
     assert len(found) >= 22 and after.variance < 2.0 * before.variance
+
+
+def test_noise_of_an_axis_that_has_few_rows_for_days_stays_known() -> None:
+    """Fewer rows in ten seconds than columns say nothing of it, however often."""
+    balance, rng = BALANCES["force"], np.random.default_rng(1)
+    regression = RegressionAccumulator(balance, first_effects("force"))
+    weight, usual = regression.weight, regression.variance_sum
+    n = TAIL_BINS + 4000 * FRAME_BINS
+    x = rng.normal(size=(n, len(balance.columns)))
+    moves = (np.arange(n) // FRAME_BINS % 40 == 0) & (np.arange(n) % FRAME_BINS < 20)
+    assert sum(e.rows > 0 for e in regression.equations([RegressionBlock(x.sum(axis=1), x, moves)])) == 100
+    assert (regression.weight, regression.variance_sum) == (weight, usual)
