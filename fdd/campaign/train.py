@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize
-from scipy.special import expit, logit
+from scipy.optimize import minimize
+from scipy.special import logit
+from sklearn.linear_model import LogisticRegression
 
 from fdd import __version__
 from fdd.campaign.dataset import SPLITS, Dataset, How, over_units
@@ -61,7 +62,7 @@ class ScoredLog:
     score : of the whole log. peak : the largest that stood meanwhile.
     healthy_s : s before a fault acts. doubt : std of the severity's logarithm that its 80 % interval lacked
         to hold the true one; NaN where another fault was answered. hidden : share of faults that it could
-        not have shown. later : of each finding beside a surer one its log odds and whether it was right.
+        not have shown. later : of each finding beside a surer one its score's root and whether it was right.
     """
 
     family: str
@@ -114,11 +115,12 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     slope, midpoint, power = likeliest_odds(np.append(of_logs, faulty), hidden, of_logs.size)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
     doubt = float(np.quantile(doubts, 0.8)) if doubts.size >= LEAST_LOGS else 0.15
+    second_midpoint, second_slope = second_logistic([pair for x in logs for pair in x.later])
     calibration = Calibration(
         midpoint=round(midpoint, 3), slope=round(slope, 4), hidden_power=round(power, 3),
         least=round(0.5 * float(np.quantile(of_logs, 1.0 - FALSE_VERDICTS)) ** 2, 3),
         severity_doubt=round(math.hypot(LAW_SPREAD, doubt), 3),
-        second=round(second_odds([pair for x in logs for pair in x.later]), 3),
+        second_midpoint=round(second_midpoint, 3), second_slope=round(second_slope, 4),
     )  # fmt: skip
     taught = tuple(sorted({name for x in logs for name in x.faults}))
     laws: dict[str, list[str]] = {}
@@ -147,20 +149,18 @@ def likeliest_odds(roots: Array, hidden: Array, healthy: int) -> tuple[float, fl
     return float(np.exp(found[0])), float(found[1]), float(np.exp(found[2]))
 
 
-def second_odds(later: Sequence[tuple[float, bool]]) -> float:
-    """Log odds against findings beside a surer one, by which as many are right as said.
-
-    `later` : log odds of each, as if it had stood alone, and whether it was right.
-    """
-    if len(later) < LEAST_LOGS:
-        return Calibration.model_fields["second"].default
-    odds, right = np.array(later, dtype=np.float64).T
-    share = (right.sum() + 0.5) / (right.size + 1.0)
-
-    def excess(second: float) -> float:
-        return float(np.mean(expit(odds - second))) - share
-
-    return float(brentq(excess, 0.0, 100.0)) if excess(0.0) > 0.0 else 0.0
+def second_logistic(later: Sequence[tuple[float, bool]]) -> tuple[float, float]:
+    """Midpoint and slope of the probability of findings beside a surer one; `Calibration`'s own where there
+    are few, or larger scores were wrong more often. `later` : root of each one's score, and whether it was
+    right."""
+    if len({right for _, right in later}) == 2 and len(later) >= LEAST_LOGS:
+        roots, right = np.array(later, dtype=np.float64).T
+        fitted = LogisticRegression().fit(roots[:, None], right)
+        slope = float(fitted.coef_[0, 0])
+        if slope > 0.0:
+            return -float(fitted.intercept_[0]) / slope, slope
+    fields = Calibration.model_fields
+    return fields["second_midpoint"].default, fields["second_slope"].default
 
 
 def pareto(excess: Array) -> tuple[float, float]:
@@ -200,7 +200,10 @@ def _score(entry: Entry, samples: Samples, profile: Unit, model: Model) -> Score
         hidden=hidden_share(found.not_visible), faults=tuple(f.fault for f in entry.faults),
         laws=tuple((f.fault, f.law) for f in entry.faults if f.law is not None),
         later=tuple(
-            (calibration.second + float(logit(f.confidence)), bool(names.intersection(f.ambiguity)))
+            (
+                calibration.second_midpoint + float(logit(f.confidence)) / calibration.second_slope,
+                bool(names.intersection(f.ambiguity)),
+            )
             for f in hydraulic[1:]
         ),
     )  # fmt: skip

@@ -89,7 +89,8 @@ def decide(
         fits = [f for f in fits if f.gain > 0.0 and not _comes_along(f, known)]
         against = SECOND_FAULT if found else 0.0
         score = max((f.score for f in fits), default=against)
-        enough = len(_each_once(found)) == MOST_FAULTS or added == MOST_FINDINGS
+        faults = [f for f in _each_once(found) if f.lead.hypothesis.ends is None]
+        enough = len(faults) == MOST_FAULTS or added == MOST_FINDINGS
         if not fits or score - against < threshold or enough:
             for f in found:
                 left = max(evidence.unexplained(f.lead, known), 0.0)
@@ -168,9 +169,8 @@ def _take_its_end(evidence: Evidence, found: list[Found]) -> None:
 def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
     """True if a simultaneous change is a side effect of a known fault.
 
-    It may come from the model error of that fault's law, or be a small effect without a signature: a loose
-    seal leaks, a stuck valve shifts the pressure in a sensor's line. A ramp in whose growth the other begins
-    counts as simultaneous. A fault does not end where it begins.
+    It comes from the model error of that fault's law. A ramp in whose growth the other begins counts as
+    simultaneous. A fault does not end where it begins.
     """
     for n in known:
         first, later = sorted((fit, n), key=lambda f: f.onset)
@@ -179,8 +179,7 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
             continue
         shared = n.hypothesis.columns.keys() & fit.hypothesis.columns.keys()
         of_its_law = bool(shared) and fit.gain <= LAW_DOUBT**2 * n.gain
-        small = abs(fit.active_amplitude) < LAW_DOUBT * abs(n.active_amplitude)
-        if of_its_law or small or fit.hypothesis.ends == n.hypothesis.fault:
+        if of_its_law or fit.hypothesis.ends == n.hypothesis.fault:
             return True
     return False
 

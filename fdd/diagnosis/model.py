@@ -100,9 +100,9 @@ class Calibration(BaseModel):
     prior : the same before the log was seen; learnt curves hold for even odds. midpoint, slope : logistic of
         the score's `root`, for faults that leave a trace. hidden_power : the share of faults that leave none
         is this power of the share that the log could not have shown. least : score that one healthy log in
-        fifty reaches, which a verdict asks at least. second : log odds against a finding beside a surer one:
-        it may be what the first one's law leaves. severity_doubt : std of a severity's logarithm by what no
-        column knows, as how turbulent a leak is or how a seal wears.
+        fifty reaches, which a verdict asks at least. second_midpoint, second_slope : logistic of the root for
+        findings beside a surer one, each of which may be what the first one's law leaves. severity_doubt :
+        std of a severity's logarithm by what no column knows, as how turbulent a leak is or how a seal wears.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
@@ -110,7 +110,8 @@ class Calibration(BaseModel):
     slope: float = Field(gt=0, le=MOST)
     hidden_power: float = Field(default=1.0, gt=0.0, le=MOST)
     least: float = Field(default=0.0, ge=0.0, le=MOST)
-    second: float = Field(default=2.0, ge=0.0, le=MOST)
+    second_midpoint: float = Field(default=6.0, ge=-MOST, le=MOST)
+    second_slope: float = Field(default=0.3, gt=0.0, le=MOST)
     severity_doubt: float = Field(default=0.15, ge=0.0, le=10.0)
     prior: float = Field(default=0.5, gt=0.0, lt=1.0, exclude_if=partial(eq, 0.5))
 
@@ -124,11 +125,14 @@ class Calibration(BaseModel):
         0.5
         >>> round(Calibration(midpoint=4.0, slope=9.0).probability(-9.0, hidden=0.25), 2)
         0.2
-        >>> round(Calibration(midpoint=4.0, slope=1.0).probability(8.0, second=True), 2)
-        0.12
+        >>> round(Calibration(midpoint=4.0, slope=1.0).probability(18.0, second=True), 2)
+        0.5
         """
         odds = odds_of(root(score), hidden, self.slope, self.midpoint, self.hidden_power)
-        odds *= math.exp(-self.second if second else 0.0) * self.prior / (1.0 - self.prior)
+        if second:  # how often units have two faults is learnt with it
+            odds = odds_of(root(score), 0.0, self.second_slope, self.second_midpoint, 1.0)
+        else:
+            odds *= self.prior / (1.0 - self.prior)
         return float(odds / (1.0 + odds))
 
     @property
@@ -160,7 +164,7 @@ class Model(BaseModel):
     """
 
     model_config = ConfigDict(populate_by_name=True, extra="forbid", allow_inf_nan=False, strict=True)
-    schema_: Literal["fdd.model/4"] = Field(default="fdd.model/4", alias="schema")
+    schema_: Literal["fdd.model/5"] = Field(default="fdd.model/5", alias="schema")
     data: str
     """The data set that it was learnt on."""
     tail: AlarmTail

@@ -15,10 +15,10 @@ from fdd.campaign.generate import _trouble, generate
 from fdd.campaign.labels import Label
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, visible_from
-from fdd.campaign.train import LAW_SPREAD, LEAST_LOGS, ScoredLog, learnt, pareto, second_odds
+from fdd.campaign.train import LAW_SPREAD, LEAST_LOGS, ScoredLog, learnt, pareto, second_logistic
 from fdd.campaign.validate import estimate_errors, outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import FaultFinding, Trajectories
-from fdd.diagnosis.model import root
+from fdd.diagnosis.model import Calibration, root
 from fdd.plant.state import Truth
 from fdd.residuals.oil import air_compliance
 from tests.made_up import answer, entry, finding, label
@@ -81,13 +81,16 @@ def test_severities_are_as_doubtful_as_their_errors() -> None:
     assert doubt == pytest.approx(np.hypot(0.32, LAW_SPREAD), abs=0.01)
 
 
-@pytest.mark.parametrize("right", [0.2, 0.6])
-def test_findings_beside_a_surer_one_come_true_as_often_as_said(right: float) -> None:
-    odds = np.random.default_rng(1).normal(3.0, 1.0, 500)
-    second = second_odds([(x, k < 500 * right) for k, x in enumerate(odds)])
-    assert float(np.mean(1.0 / (1.0 + np.exp(second - odds)))) == pytest.approx(right, abs=0.01)
-    assert second_odds([(9.0, False)] * (LEAST_LOGS - 1)) == 2.0, "as assumed"
-    assert second_odds([(-1.0, True)] * 20) == 0.0, "it is no surer for being second"
+def test_findings_beside_a_surer_one_come_true_as_often_as_said() -> None:
+    """Drawn by a known curve; where they teach nothing, the assumed one."""
+    rng = np.random.default_rng(1)
+    roots = rng.uniform(4.0, 16.0, 3000)
+    right = rng.random(roots.size) < 1.0 / (1.0 + np.exp(0.5 * (7.0 - roots)))
+    assert second_logistic(list(zip(roots, right, strict=True))) == pytest.approx((7.0, 0.5), rel=0.1)
+    assumed = tuple(Calibration.model_fields[f"second_{name}"].default for name in ("midpoint", "slope"))
+    assert second_logistic([(9.0, False), (1.0, True)] * (LEAST_LOGS // 2 - 1)) == assumed
+    assert second_logistic([(9.0, True)] * 20) == assumed
+    assert second_logistic([(9.0, False), (1.0, True)] * 20) == assumed, "no score speaks against a fault"
 
 
 def test_too_few_logs_teach_nothing() -> None:

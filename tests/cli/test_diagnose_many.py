@@ -104,7 +104,7 @@ def test_a_folder_of_logs_makes_a_folder_of_answers(one_folder, folder, tiny_mod
     assert set(bad["probabilities"]) == set(answers[1]["probabilities"])
     files = [folder / "bad.csv", folder / "day1/run.csv", folder / "day1/run.mcap", folder / "day2/run.csv"]
     assert [a["sha256"] for a in answers] == [{"log": sha256(f), "model": tiny_model.sha256} for f in files]
-    assert answers[1]["versions"] == {"fdd": "0.1.0", "model": "fdd.model/4"}
+    assert answers[1]["versions"] == {"fdd": "0.1.0", "model": "fdd.model/5"}
     pages = {p.name for p in (one_folder / "reports").iterdir()}
     assert pages == {"day1-run.csv.html", "run.mcap.html", "day2-run.csv.html", "plotly.min.js"}
     assert all(page.stat().st_size < 500_000 for page in (one_folder / "reports").glob("*.html"))

@@ -37,7 +37,7 @@ def test_a_bad_log_is_refused(run, one_line, logs, tiny_model_file, tmp_path, ki
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"schema": "fdd.model/99"}, ["schema", "fdd.model/4"]),
+        ({"schema": "fdd.model/99"}, ["schema", "fdd.model/5"]),
         ({"tail": {**TAIL, "rate_per_hour": -1}}, ["tail.rate_per_hour", "greater than 0"]),
         ({"classifier": "x"}, ["classifier"]),
         (None, ["no such model file"]),

@@ -18,7 +18,7 @@ from fdd.diagnosis.decision import Found, decide
 from fdd.diagnosis.estimates import believed
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.findings import FaultFinding, Invisible
-from fdd.diagnosis.model import Calibration, Model
+from fdd.diagnosis.model import Calibration, Model, root
 from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
 from tests.made_up import finding
@@ -70,13 +70,15 @@ def test_what_no_column_knows_widens_a_severitys_interval(sure: Model, tiny_mode
     assert 0.0 < said(found, doubting(tiny_model, 3.0)).severity_interval[0] < 0.05
 
 
-def test_a_fault_beside_a_surer_one_is_said_with_the_odds_of_a_second(sure: Model) -> None:
-    """By Bayes: its odds alone, times the learnt ones of a second finding."""
+def test_a_fault_beside_a_surer_one_is_said_as_second_ones_are(sure: Model) -> None:
+    """By its own curve: a share of them is what the first one's law leaves, however large their scores."""
     one, two = decide(drawn(2, [(INNER, 0.7, 25), (AIR, 0.6, 55)]), EVERY, 6.0)[0]
     assert (one.second, two.second) == (False, True) and one.score > two.score
-    alone = said(replace(two, second=False), sure).confidence
-    odds = said(two, sure).confidence / (1.0 - said(two, sure).confidence)
-    assert odds == pytest.approx(math.exp(-sure.calibration.second) * alone / (1.0 - alone), rel=0.02)
+    sure = sure.model_copy(deep=True)
+    sure.calibration.second_midpoint = root(two.score)
+    share = sum(two.shares[f] for f in two.group)
+    assert said(two, sure).confidence == pytest.approx(0.5 * share, abs=1e-3)
+    assert said(replace(two, second=False), sure).confidence > 0.9 * share
 
 
 def test_a_finding_without_gain_explains_all_where_nothing_is_left(monkeypatch) -> None:

@@ -22,7 +22,7 @@ def test_round_trip(tmp_path: Path, tiny_model: Model) -> None:
     assert found.sha256 == tiny_model.sha256
     other = tiny_model.model_copy(update={"calibration": Calibration(midpoint=3.1, slope=1.0)})
     assert other.sha256 != tiny_model.sha256
-    assert json.loads(path.read_text())["schema"] == "fdd.model/4"
+    assert json.loads(path.read_text())["schema"] == "fdd.model/5"
 
 
 def test_the_shipped_model_is_sound() -> None:
