@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdd.diagnosis.evidence import Amplitude, Evidence
-from fdd.diagnosis.hypotheses import RAMP_FRAMES, RECOVERED, Hypothesis, end_of
+from fdd.diagnosis.hypotheses import RAMP, RECOVERED, Hypothesis, end_of
 
 SAME_EFFECT = 0.5
 """Correlation of columns from which two hypotheses explain the same change."""
@@ -96,6 +96,8 @@ def decide(
                 left = max(evidence.unexplained(f.lead, known), 0.0)
                 f.explained = f.lead.gain / (f.lead.gain + left) if left > 0.0 else 1.0
             once = [f for f in _each_once(found) if f.known or not _of_a_larger(f, found)]
+            for f in once:
+                f.lead = evidence.dated(f.lead, [g.lead for g in found if g is not f])
             # A fault is not in doubt for its own end, which may be the surer finding.
             surest = max(
                 (f for f in once if f.lead.hypothesis.ends is None), key=lambda f: f.score, default=None
@@ -174,7 +176,7 @@ def _comes_along(fit: Amplitude, known: list[Amplitude]) -> bool:
     """
     for n in known:
         first, later = sorted((fit, n), key=lambda f: f.onset)
-        grown = first.onset + (RAMP_FRAMES if first.kind == "ramp" else 0)
+        grown = first.onset + (RAMP.frames if first.shape == RAMP else 0)
         if later.onset > grown + TOGETHER_FRAMES:
             continue
         shared = n.hypothesis.columns.keys() & fit.hypothesis.columns.keys()

@@ -28,12 +28,21 @@ from fdd.diagnosis.fitting import (
     fit,
     known_scatter,
 )
-from fdd.diagnosis.hypotheses import KINDS, Hypothesis, SuffixSums, time_profile_of
+from fdd.diagnosis.hypotheses import (
+    DATED,
+    RAMP,
+    SHAPES,
+    STEP,
+    Hypothesis,
+    Shape,
+    SuffixSums,
+    time_profile_of,
+)
 from fdd.residuals.effects import Effects
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-Known = tuple[tuple[int, str, int, float], ...]
+Known = tuple[tuple[int, Shape, int, float], ...]
 
 FREE_SPREAD = 10.0
 """Prior standard deviation of an unmodelled fault's change of a coefficient, in standard deviations from log
@@ -43,6 +52,9 @@ LEAST_GAIN = 2.0
 gains by chance, is about 0 at most."""
 NINE_IN_TEN = 1.2816
 """90 % quantile of the standard normal distribution."""
+TIMING_DOUBT = 0.06
+"""Error of a time profile as a share of the fault's effect, for no fault keeps to a line: with it 80 %
+intervals held the onset in 79 % of 70 simulated steps, with none in 61 %."""
 LEAST_BEFORE, LEAST_AFTER = 4, 6
 """Fewest stretches before, and frames after, an onset inside a log: a machine that starts up is no reference
 for itself."""
@@ -50,26 +62,30 @@ for itself."""
 
 @dataclass
 class Amplitude(Fit):
-    """A fitted hypothesis: amplitude, kind of time profile and onset."""
+    """A fitted hypothesis: amplitude, shape of the time profile and onset."""
 
     hypothesis: Hypothesis
     time_profile: Array  # (h,)
-    kind: str  # of the likeliest time profile, and its onset
+    shape: Shape  # of the likeliest time profile, and its onset
     onset: int
-    onset_gains: Array  # (kinds, k) gains of all kinds of time profiles over onsets
+    onset_gains: Array  # (shapes, k) gains of all shapes of time profiles over onsets
     onsets: Array  # (k,)
 
     def onset_quantiles(self, *shares: float) -> list[int]:
-        """Frames up to which shares of the posterior of the onset lie, whatever the kind of time profile."""
-        weight = np.exp((self.onset_gains - self.onset_gains.max()) / self.overdispersion).sum(axis=0)
+        """Frames up to which shares of the posterior of the onset lie, whatever the shape: a step, the first
+        one, is as likely as all others together."""
+        scatter = max(self.overdispersion, self.reduced_chi_square) + TIMING_DOUBT**2 * self.gain
+        weight = np.exp((self.onset_gains - self.onset_gains.max()) / scatter)
+        weight[0] *= len(weight) - 1
+        weight = weight.sum(axis=0)
         below = np.cumsum(weight) / weight.sum()
         return [int(self.onsets[np.searchsorted(below, share)]) for share in shares]
 
 
-def _there_before(kind: str, onset: int) -> bool:
+def _there_before(shape: Shape, onset: int) -> bool:
     """Whether a fault was there before the first frame. One that grows from there on is a change within the
     log, held against what healthy logs change by."""
-    return onset == 0 and kind == "step"
+    return onset == 0 and shape == STEP
 
 
 def _likeliest(gain: Array) -> int:
@@ -123,7 +139,7 @@ class Evidence:
         kept: dict[int, Amplitude | None] = {}
         for places, members in groups.items():
             coupled = [known[i] for i in places]
-            beside = tuple((id(k.hypothesis), k.kind, k.onset, k.size) for k in coupled)
+            beside = tuple((id(k.hypothesis), k.shape, k.onset, k.size) for k in coupled)
             fits = self._kept.setdefault(beside, {})
             new = [h for h in members if id(h) not in fits]
             fits |= {id(h): (h, None) for h in new}
@@ -152,19 +168,33 @@ class Evidence:
         # Of two equal ones, the simpler one.
         best = np.argmax(most >= (1.0 - 1e-9) * most.max(axis=0), axis=0)
         found = [
-            (h, KINDS[kind], int(self.onsets[_likeliest(gains[kind, i])]), gains[:, i])
-            for i, (h, kind) in enumerate(zip(testable, best.tolist(), strict=True))
-            if most[kind, i] > LEAST_GAIN
+            (h, SHAPES[one], int(self.onsets[_likeliest(gains[one, i])]), gains[:, i])
+            for i, (h, one) in enumerate(zip(testable, best.tolist(), strict=True))
+            if most[one, i] > LEAST_GAIN
         ]
         early, later = ([x for x in found if _there_before(*x[1:3]) is b] for b in (True, False))
         return [*self.fitted(early, known), *self.fitted(later, known)]
 
-    def _gains(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> Array:
-        """Gains (kinds, f, k) of hypotheses with each kind of time profile over onsets; -inf for kinds that
+    def dated(self, found: Amplitude, known: Sequence[Amplitude]) -> Amplitude:
+        """A fault that began within the log, fitted anew at the likeliest of the shapes `DATED`; what drifts,
+        and the end of a fault, as it is."""
+        h = found.hypothesis
+        if _there_before(found.shape, found.onset) or RAMP.kind not in h.time_profiles:
+            return found
+        gains = self._gains([h], known, DATED)[:, 0]
+        gains[:, self.onsets == 0] = -np.inf
+        best = int(np.argmax(gains.max(axis=1)))
+        (anew,) = self.fitted([(h, DATED[best], int(self.onsets[_likeliest(gains[best])]), gains)], known)
+        return anew
+
+    def _gains(
+        self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude], shapes: Sequence[Shape] = SHAPES
+    ) -> Array:
+        """Gains (shapes, f, k) of hypotheses with each shape of time profile over onsets; -inf for those that
         they do not take."""
         scale, signed = (np.array([getattr(h, x) for h in hypotheses]) for x in ("scale", "signed"))
-        takes = np.array([[kind in h.time_profiles for h in hypotheses] for kind in KINDS])
-        lam = np.tile(1.0 / scale**2, (len(KINDS), self.onsets.size, 1))
+        takes = np.array([[shape.kind in h.time_profiles for h in hypotheses] for shape in shapes])
+        lam = np.tile(1.0 / scale**2, (len(shapes), self.onsets.size, 1))
         b = np.zeros_like(lam)
         for name, e in self.balances.items():
             mine = np.flatnonzero([name in h.columns for h in hypotheses])
@@ -174,14 +204,14 @@ class Evidence:
             contribution = np.moveaxis(e.score_contribution(columns), 0, 1)  # (h, f, n)
             own = SuffixSums(np.einsum("hfn,fn->hf", contribution, columns))
             scores = SuffixSums((e.rest - self._moved(name, known)) @ columns.T)
-            for i, kind in enumerate(KINDS):
+            for i, shape in enumerate(shapes):
                 k = takes[i, mine]
                 if k.any():
-                    lam[i][:, mine[k]] += own.squared(kind, self.onsets)[:, k]
+                    lam[i][:, mine[k]] += own.squared(shape, self.onsets)[:, k]
                     # Less what the log's own level and drift absorb.
-                    absorbed = columns[k] @ e.suffix_sums.over(kind, self.onsets)
+                    absorbed = columns[k] @ e.suffix_sums.over(shape, self.onsets)
                     lam[i][:, mine[k]] -= np.square(absorbed).sum(axis=2)
-                    b[i][:, mine[k]] += scores.over(kind, self.onsets)[:, k]
+                    b[i][:, mine[k]] += scores.over(shape, self.onsets)[:, k]
         size = b / lam
         size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
         gain = size * (b - 0.5 * lam * size)
@@ -209,7 +239,7 @@ class Evidence:
             s = e.schur_complement(found.time_profile)
             left = found.time_profile @ (e.rest - self._moved(name, known))
             (changed,) = by_duty(e, np.einsum("h,hij->ij", found.time_profile, e.information)[None])
-            before = _there_before(found.kind, found.onset)
+            before = _there_before(found.shape, found.onset)
             usual = np.diag(e.healthy.covariance) if before else changed
             wide, own = (
                 np.linalg.solve(np.eye(left.size) + v[:, None] * s, np.diag(v))
@@ -224,29 +254,29 @@ class Evidence:
         self, old: Amplitude, known: Sequence[Amplitude], hypothesis: Hypothesis | None = None
     ) -> Amplitude:
         """The same fault, or another hypothesis in its place, fitted anew jointly with known faults."""
-        (found,) = self.fitted([(hypothesis or old.hypothesis, old.kind, old.onset, old.onset_gains)], known)
+        (found,) = self.fitted([(hypothesis or old.hypothesis, old.shape, old.onset, old.onset_gains)], known)
         return found
 
     def fitted(
-        self, found: Sequence[tuple[Hypothesis, str, int, Array]], known: Sequence[Amplitude]
+        self, found: Sequence[tuple[Hypothesis, Shape, int, Array]], known: Sequence[Amplitude]
     ) -> list[Amplitude]:
         """Fit hypotheses with given time profiles, jointly with known faults.
 
         Parameters
         ----------
-        found : hypothesis, kind of time profile, onset (0 for all, or for none) and gains over onsets.
+        found : hypothesis, shape of time profile, onset (0 for all, or for none) and gains over onsets.
         """
         if not found:
             return []
         others = [n.hypothesis for n in known]
-        first = np.array([time_profile_of(kind, self.frames, onset) for _, kind, onset, _ in found])
+        first = np.array([time_profile_of(shape, self.frames, onset) for _, shape, onset, _ in found])
         time_profiles = np.stack([first, *(np.tile(n.time_profile, (len(found), 1)) for n in known)], axis=1)
         parts = self._parts([[h, *others] for h, *_ in found], time_profiles)
         out = []
         fits = fit(self.balances, parts, from_start=_there_before(*found[0][1:3]), stretches=self.stretches)
-        for (h, kind, onset, gain), time_profile, f in zip(found, first, fits, strict=True):
+        for (h, shape, onset, gain), time_profile, f in zip(found, first, fits, strict=True):
             f.score += float(np.log(h.prior_weight))
-            out.append(Amplitude(**vars(f), hypothesis=h, time_profile=time_profile, kind=kind, onset=onset,
+            out.append(Amplitude(**vars(f), hypothesis=h, time_profile=time_profile, shape=shape, onset=onset,
                                  onset_gains=gain, onsets=self.onsets))  # fmt: skip
         return out
 
@@ -274,7 +304,7 @@ class Evidence:
             return out
         testable = [hypotheses[k] for k in mine.tolist()]
         onset = int(self.onsets[np.argmin(np.abs(self.onsets - onset))])
-        time_profiles = np.tile(time_profile_of("step", self.frames, onset), (len(testable), 1, 1))
+        time_profiles = np.tile(time_profile_of(STEP, self.frames, onset), (len(testable), 1, 1))
         parts = self._parts([[h] for h in testable], time_profiles)
         scale, prior_weight = parts.scales[:, 0], np.array([h.prior_weight for h in testable])
         parts = replace(parts, scales=np.full_like(parts.scales, VAGUE))

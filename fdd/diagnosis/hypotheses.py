@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,21 @@ RECOVERED = "recovered"
 """Stands in a fault's place where the end of one is meant."""
 USUAL_SEVERITY = 0.7
 """Standard deviation of a severity before any log is seen: most lie below the gross one."""
-KINDS = ("step", "ramp", "drift")
-RAMP_FRAMES = 24
-"""Frames over which a ramp grows to its full size: 12 s."""
-DRIFT_FRAMES = 100
-"""Frames in which a drift grows by one: 50 s."""
+
+
+class Shape(NamedTuple):
+    """Shape of a time profile: a step, a ramp that grows to its full size over that many frames, or a drift
+    that goes on by as much in each of them."""
+
+    kind: str
+    frames: int
+
+
+STEP, RAMP, DRIFT = Shape("step", 0), Shape("ramp", 24), Shape("drift", 100)
+SHAPES = (STEP, RAMP, DRIFT)
+"""Of faults that are sought. More lengths of ramps find no more of them, and chance finds more."""
+DATED = (STEP, *(Shape("ramp", frames) for frames in (2, 4, 8, 16, 24, 40, 60, 90)))
+"""Shapes that a fault's onset is told by once it is found: ramps of 1 to 45 s."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +46,7 @@ class Hypothesis:
     ----------
     fault, label : of the catalogue. columns : balance to (n,) change of its coefficients per severity.
     scale : prior standard deviation of the amplitudes. signed : the amplitude cannot be negative.
-    time_profiles : of `KINDS`, that the fault may take. prior_weight : prior weight among alike ones. ends :
+    time_profiles : kinds of `SHAPES` that it may take. prior_weight : prior weight among alike ones. ends :
         the fault that it is the end of.
     """
 
@@ -115,17 +126,15 @@ def hypotheses(unit: Unit, effects: dict[str, Effects]) -> list[Hypothesis]:
 def end_of(h: Hypothesis, size: float) -> Hypothesis:
     """That a fault of an amplitude is over: all that it changed steps back."""
     columns = {balance: -size * change for balance, change in h.columns.items()}
-    return Hypothesis(RECOVERED, h.label, columns, 1.0, signed=True, time_profiles=("step",), ends=h.fault)
+    return Hypothesis(RECOVERED, h.label, columns, 1.0, signed=True, time_profiles=(STEP.kind,), ends=h.fault)
 
 
-def time_profile_of(kind: str, frames: int, onset: int) -> Array:
-    """Time profile φ (frames,) of a step, ramp or drift that begins with a frame."""
+def time_profile_of(shape: Shape, frames: int, onset: int) -> Array:
+    """Time profile φ (frames,) of a shape that begins with a frame."""
     since = np.arange(frames) - onset
-    if kind == "ramp":
-        return np.clip((since + 0.5) / RAMP_FRAMES, 0.0, 1.0)
-    if kind == "drift":
-        return np.maximum((since + 0.5) / DRIFT_FRAMES, 0.0)
-    return (since >= 0).astype(np.float64)
+    if shape.kind == "step":
+        return (since >= 0).astype(np.float64)
+    return np.clip((since + 0.5) / shape.frames, 0.0, 1.0 if shape.kind == "ramp" else None)
 
 
 class SuffixSums:
@@ -137,24 +146,22 @@ class SuffixSums:
         self.two = _from_here(self.one)
         self.grown = self.two - 0.5 * self.one
 
-    def over(self, kind: str, onsets: Indices) -> Array:
+    def over(self, shape: Shape, onsets: Indices) -> Array:
         """Σ φ x."""
-        if kind == "step":
+        if shape.kind == "step":
             return self.one[onsets]
-        if kind == "drift":
-            return self.grown[onsets] / DRIFT_FRAMES
-        return (self.grown[onsets] - _later(self.grown, onsets)) / RAMP_FRAMES
+        past = _at(self.grown, onsets + shape.frames) if shape.kind == "ramp" else 0.0
+        return np.asarray((self.grown[onsets] - past) / shape.frames)
 
-    def squared(self, kind: str, onsets: Indices) -> Array:
+    def squared(self, shape: Shape, onsets: Indices) -> Array:
         """Σ φ² x."""
-        if kind == "step":
+        if shape.kind == "step":
             return self.one[onsets]
-        square = 2.0 * (_from_here(self.two) - self.two) + 0.25 * self.one
-        if kind == "drift":
-            return square[onsets] / DRIFT_FRAMES**2
-        # Past its end a ramp has grown by its whole length l: (k + l)² - l² = k² + 2 l k is too much.
-        past = _later(square + 2.0 * RAMP_FRAMES * self.grown, onsets)
-        return (square[onsets] - past) / RAMP_FRAMES**2
+        square, past = 2.0 * (_from_here(self.two) - self.two) + 0.25 * self.one, np.zeros(1)
+        if shape.kind == "ramp":
+            # Past its end a ramp has grown by its whole length l: (k + l)² - l² = k² + 2 l k is too much.
+            past = _at(square + 2.0 * shape.frames * self.grown, onsets + shape.frames)
+        return np.asarray((square[onsets] - past) / shape.frames**2)
 
 
 def _from_here(x: Array) -> Array:
@@ -162,10 +169,9 @@ def _from_here(x: Array) -> Array:
     return np.asarray(np.cumsum(x[::-1], axis=0)[::-1])
 
 
-def _later(x: Array, onsets: Indices) -> Array:
-    """Values a ramp's length after onsets; none after the last frame."""
-    at = onsets + RAMP_FRAMES
-    out = np.zeros((at.size, *x.shape[1:]))
-    inside = at < len(x)
-    out[inside] = x[at[inside]]
+def _at(x: Array, frames: Indices) -> Array:
+    """Values at frames; none after the last one."""
+    out = np.zeros((frames.size, *x.shape[1:]))
+    inside = frames < len(x)
+    out[inside] = x[frames[inside]]
     return out

@@ -23,9 +23,11 @@ from fdd.diagnosis.departures import (
 )
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.fitting import Parts
-from fdd.diagnosis.hypotheses import DRIFT_FRAMES, Hypothesis, time_profile_of
+from fdd.diagnosis.hypotheses import STEP, Hypothesis, Shape, time_profile_of
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import Effects
+
+GROWN = Shape("drift", 100)
 
 
 def frames_of(seed: int, *, steady: bool = False) -> tuple[Array, Array]:
@@ -43,7 +45,7 @@ def weighed(
 ) -> Departures:
     """The first of some faults beside the others."""
     columns = {NAME: np.array([[h.columns[NAME] for h, _ in faults]])}
-    time_profiles = np.array([[time_profile_of("step", FRAMES, onset) for _, onset in faults]])
+    time_profiles = np.array([[time_profile_of(STEP, FRAMES, onset) for _, onset in faults]])
     parts = Parts(columns, time_profiles, np.full((1, len(faults)), VAGUE), np.zeros(1, np.bool_))
     factor = np.ones(1) * overdispersion
     return departures(evidence.balances, parts, factor, from_start=faults[0][1] == 0)
@@ -119,7 +121,7 @@ def test_a_step_is_weighed_beside_a_random_walk(onset: int) -> None:
     for h, m in enumerate(e.information):
         rows[h * n : (h + 1) * n, h * n : (h + 1) * n] = m
     whole = np.linalg.solve(np.eye(len(rows)) + rows @ covariance, rows)  # information, changes marginalised
-    g = np.kron(time_profile_of("step", FRAMES, onset), LEAK.columns[NAME])
+    g = np.kron(time_profile_of(STEP, FRAMES, onset), LEAK.columns[NAME])
     found = weighed(walks, [(LEAK, onset)])
     assert found.information[0] == pytest.approx(g @ whole @ g, rel=0.03)
     still = told(*frames_of(3), replace(EFFECTS, within=np.zeros(n)))
@@ -143,12 +145,12 @@ def test_oil_that_warms_unmeasured_changes_coefficients() -> None:
     )
     evidence = told(*frames_of(6, steady=True), warms)
     parts = Parts({NAME: np.array([[h.columns[NAME]] for h in (LEAK, DRIFT)])},
-                  np.tile(time_profile_of("drift", FRAMES, 0), (2, 1, 1)), np.full((2, 1), VAGUE),
+                  np.tile(time_profile_of(GROWN, FRAMES, 0), (2, 1, 1)), np.full((2, 1), VAGUE),
                   np.zeros(2, np.bool_))  # fmt: skip
     leak, other = 1.0 / departures(evidence.balances, parts, np.ones(2), from_start=False).information
     # It is told by its mean over the log, as far as the level is known, and by its growth.
-    mean, level = 0.5 * FRAMES / DRIFT_FRAMES, EFFECTS.covariance[0, 0]
-    growth = (0.01 * DRIFT_FRAMES * FRAME_S) ** 2
+    mean, level = 0.5 * FRAMES / GROWN.frames, EFFECTS.covariance[0, 0]
+    growth = (0.01 * GROWN.frames * FRAME_S) ** 2
     assert leak == pytest.approx(1.0 / (mean**2 / level + 1.0 / growth), rel=0.01)
     assert other < 0.01 * leak
 

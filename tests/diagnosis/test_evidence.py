@@ -14,7 +14,7 @@ from fdd.diagnosis.baseline import effects_of, history_of
 from fdd.diagnosis.decision import LAW_DOUBT, USUAL_SIZE, Found, beside_the_newest, decide
 from fdd.diagnosis.departures import WITHIN_FRAMES
 from fdd.diagnosis.evidence import Amplitude, Evidence
-from fdd.diagnosis.hypotheses import Hypothesis, hypotheses
+from fdd.diagnosis.hypotheses import STEP, Hypothesis, hypotheses
 from fdd.diagnosis.sequential_detector import RECOVERED_SHARE
 from fdd.residuals.balance_history import marginalised
 from fdd.residuals.bins import FRAME_S
@@ -48,7 +48,20 @@ def test_amplitude_covers_and_onset_is_met() -> None:
     off = np.array([(f.size - 0.3) / np.sqrt(f.variance) for f in fits])
     assert abs(off.mean()) < 3.0 / np.sqrt(len(fits)), "no bias"
     assert np.mean([abs(f.onset - 40) <= 1 for f in fits]) >= 0.9
-    assert all(f.kind == "step" for f in fits if f.onset == 40)
+    assert all(f.shape == STEP for f in fits if f.onset == 40)
+
+
+@pytest.mark.parametrize("grow", [0, 6, 60])
+def test_the_onset_of_a_fault_that_grows_is_where_it_begins(grow: int) -> None:
+    """Whatever time it takes to grow: no bias, and four of five intervals hold it."""
+    found = [
+        decide(drawn(seed, [(LEAK, 0.6, 40)], frames=160, grow=grow), [LEAK], 4.0)[0] for seed in range(60)
+    ]
+    leads = [f.lead for f, *_ in found]
+    early, middle, late = np.array([f.onset_quantiles(0.1, 0.5, 0.9) for f in leads]).T
+    assert abs(np.median(middle) - 40) <= 1 + 0.05 * grow
+    assert np.mean((early <= 40) & (late >= 40)) >= 0.68, "0.8, but for one set of 60 in a hundred"
+    assert np.median([f.size for f in leads]) == pytest.approx(0.6, rel=0.1)
 
 
 def test_no_fault_seldom_passes_six() -> None:
@@ -79,7 +92,7 @@ def test_a_fault_that_a_log_tells_nothing_of_is_not_found_in_it() -> None:
     m[:, 0, :] = m[:, :, 0] = v[:, 0] = 0.0
     blind = Evidence({"volume": marginalised(m, v, EFFECTS.wander)}, {"volume": EFFECTS})
     for k in (0, 40):
-        assert blind.fitted([(LEAK, "step", k, np.zeros(1))], [])[0].score < 1.0
+        assert blind.fitted([(LEAK, STEP, k, np.zeros(1))], [])[0].score < 1.0
     assert decide(blind, [LEAK], 4.0)[0] == []
 
 
@@ -184,7 +197,7 @@ def test_of_two_that_look_alike_the_commoner_leads() -> None:
 
 def found_at(evidence: Evidence, *faults: tuple[Hypothesis, int]) -> list[Found]:
     """Findings of given hypotheses and onsets, each fitted alone."""
-    leads = evidence.fitted([(h, "step", onset, np.zeros(1)) for h, onset in faults], [])
+    leads = evidence.fitted([(h, STEP, onset, np.zeros(1)) for h, onset in faults], [])
     return [Found(f, f.score, {f.hypothesis.fault: 1.0}) for f in leads]
 
 
@@ -232,7 +245,7 @@ def test_known_faults_in_balances_apart_change_no_fit_and_coupled_ones_do() -> N
     assert evidence.fits([LEAK], [apart])[0] is leak
     for known in ([apart], [apart, across]):
         beside = evidence.fits([LEAK], known)[0]
-        place = [(LEAK, beside.kind, beside.onset, beside.onset_gains)]
+        place = [(LEAK, beside.shape, beside.onset, beside.onset_gains)]
         (joint,) = evidence.fitted(place, known)
         for name in ("size", "variance", "gain", "reduced_chi_square", "score"):
             assert getattr(beside, name) == pytest.approx(getattr(joint, name), rel=1e-9)
@@ -354,5 +367,5 @@ def test_an_amplitude_is_the_plants_severity(unit, evidence_of, label) -> None:
     leaks = 1e-12 if label == "loose leaking" else 0.0
     for faults, size in (((), 0.0), (given.items(), SEVERITY)):
         evidence = evidence_of(load, leaks, *faults)
-        (found,) = evidence.fitted([(h, "step", round(BEGINS_S / FRAME_S), np.zeros(1))], [])
+        (found,) = evidence.fitted([(h, STEP, round(BEGINS_S / FRAME_S), np.zeros(1))], [])
         assert found.size == pytest.approx(size, abs=0.12)
