@@ -83,7 +83,8 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     low, high = (size * math.exp(sign * Z80 * min(spread, MOST_SPREAD)) for sign in (-1.0, 1.0))
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
-    words = {"step": "from", "ramp": "growing from", "drift": "drifting from"}[lead.shape.kind]
+    grows = f"growing over {lead.shape.frames * span.whole:.0f} s from" if span.whole else "growing from"
+    words = {"step": "from", "ramp": grows, "drift": "drifting from"}[lead.shape.kind]
     stretch = span.stretch.replace("stretches", "stretch") if round(lead.blocks) == 1 else span.stretch
     sentences = [
         f"The balance of {titles} does not close {words} {onset:.1f} s on; "
