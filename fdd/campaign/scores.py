@@ -161,6 +161,12 @@ def figures(outcomes: Sequence[Outcome]) -> str:
         for t, a in hits
         if t.fault == a.fault and a.severity_interval is not None
     ]
+    dated = [
+        a.onset_interval[0] <= o.entry.faults[0].onset_s <= a.onset_interval[1]
+        for o in single
+        for a in o.said[:1]
+        if o.entry.faults[0].onset_s > 0.0 and o.entry.faults[0].fault in a.ambiguity and a.onset_interval
+    ]
     mean, each = macro_f1(outcomes)
     lines = [
         f"macro-F1 **{mean:.2f}**: " + ", ".join(f"{c.replace('_', ' ')} {v:.2f}" for c, v in each.items()),
@@ -174,6 +180,7 @@ def figures(outcomes: Sequence[Outcome]) -> str:
         f"healthy logs alarmed: {wilson(sum(bool(o.found.faults) for o in healthy), len(healthy))}; "
         + rate(sum(len(o.found.faults) for o in healthy), sum(o.entry.duration_s for o in healthy) / 3600.0),
         f"80 % intervals of severity hold the true one: {wilson(sum(sized), len(sized))}",
+        f"80 % intervals of the onset hold the true one: {wilson(sum(dated), len(dated))}",
         f"calibration error of all leading statements: {calibration_error(outcomes):.3f}",
     ]
     if steps:
