@@ -54,7 +54,7 @@ NINE_IN_TEN = 1.2816
 """90 % quantile of the standard normal distribution."""
 TIMING_DOUBT = 0.08
 """Error of a time profile as a share of the fault's effect, for no fault keeps to a line: with it 80 %
-intervals held the onset of 78 % of 214 simulated faults, without it of 65 %."""
+intervals held the onset of 78 % of 214 simulated faults, without it of 63 %."""
 AT_ONCE = 3.0
 """Prior odds that a fault is there at once, against that it grows, as in the recipes; assumed."""
 LEAST_BEFORE, LEAST_AFTER = 4, 6
