@@ -102,12 +102,15 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
 
 
 def _mark_faults(layout: dict[str, Any], faults: list[FaultFinding], reach: tuple[float, float]) -> None:
-    """Onset and detection as vertical lines, named above the plot."""
+    """Onset and detection as vertical lines, named above the plot; a bar there is the onset's 80 % interval."""
     start, stop = reach
     layout["xaxis"]["range"] = [round(start, 4), round(stop, 4)]
     taken: list[tuple[int, float]] = []
     for number, fault in enumerate(faults, start=1):
         suffix = f" {number}" if len(faults) > 1 else ""
+        if fault.onset_interval is not None:
+            early, late = np.clip(fault.onset_interval, start, stop).tolist()
+            layout["shapes"].append(tr.bar_at_top(early, late))
         marks = (("onset", fault.onset_s, "dash"), ("detected", fault.detected_s, "solid"))
         for word, at, dash in marks:
             if not (np.isfinite(at) and start <= at <= stop):

@@ -149,6 +149,12 @@ def upright(at: float, *, dash: str) -> dict[str, Any]:
     return {"type": "line", "xref": "x", "yref": "paper", **ends, **style}
 
 
+def bar_at_top(start: float, stop: float) -> dict[str, Any]:
+    """A horizontal bar along the plot's upper edge."""
+    ends = {"x0": round(start, 4), "x1": round(stop, 4), "y0": 1, "y1": 1}
+    return {"type": "line", "xref": "x", "yref": "paper", **ends, "line": {"width": 5}, "name": MARK}
+
+
 def upright_label(at: float, text: str, *, left: bool) -> dict[str, Any]:
     """The name of a vertical line, above the plot, to its left or right."""
     return {

@@ -124,6 +124,9 @@ def finding_words(finding: FaultFinding, unit: Unit | None = None) -> FindingWor
     detection = f"Detected at {seconds(finding.detected_s)}"
     if delay >= 0.0:
         detection += f", {delay:.1f} s after its onset"
+    if finding.onset_interval is not None:
+        early, late = finding.onset_interval
+        detection += f". It began between {seconds(early)} and {seconds(late)} (80 %)"
     check = f"To confirm it: {finding.next_check}" if finding.next_check else ""
     named = place(finding)
     where = f"Where and how: {named}." if named else ""

@@ -116,8 +116,10 @@ def test_the_last_observable_value_is_drawn_on_and_told():
 
 
 def test_onset_and_detection_stand_in_every_plot_and_families_of_two_percent_are_drawn():
-    def marks(verdict: str) -> list[list[float]]:
+    def marks(verdict: str, interval: tuple[float, float] | None = None) -> list[list[float]]:
         made = case(verdict)
+        for fault in made.diagnosis.faults:
+            fault.onset_interval = interval
         figures = Page(render_report(*made)).figures
         lines = {t["name"].lower(): decoded(t["y"]) for t in figures["probabilities"]["data"]}
         for family, p in made.trajectories.probabilities.items():
@@ -126,6 +128,7 @@ def test_onset_and_detection_stand_in_every_plot_and_families_of_two_percent_are
         assert not lines
         return [[s["x0"] for s in f["layout"]["shapes"] if s["type"] == "line"] for f in figures.values()]
 
+    assert all(found == pytest.approx([19.5, 20.28, 20.88]) for found in marks("faulty", (19.5, 20.5)))
     assert all(found == pytest.approx([20.28, 20.88]) for found in marks("faulty"))
     assert not any(marks("healthy")) and not any(marks("inconclusive"))
 

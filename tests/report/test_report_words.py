@@ -22,6 +22,9 @@ def test_a_fault_in_one_line_with_the_shares_of_its_group():
     (found,) = words.findings
     assert "pump gear wear" in found.alternatives and "internal leakage" not in found.alternatives
     assert found.detection == "Detected at 20.9 s, 0.6 s after its onset."
+    diagnosis.faults[0].onset_interval = (19.5, 20.5)
+    (found,) = verdict_words(diagnosis).findings
+    assert found.detection.endswith(" after its onset. It began between 19.5 s and 20.5 s (80 %).")
     assert found.severity.startswith("Severity between 0.35 and 0.47 (80 %). Severity 1.0 means: ")
     assert "12e-12" in found.severity and found.place == ""
     assert found.check == "To confirm it: Block the rod and read the pump's speed."
