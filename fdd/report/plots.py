@@ -102,7 +102,7 @@ def sections(diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples)
 
 
 def _mark_faults(layout: dict[str, Any], faults: list[FaultFinding], reach: tuple[float, float]) -> None:
-    """Onset and detection as vertical lines, named above the plot; a bar there is the onset's 80 % interval."""
+    """Onset and detection as lines, named above the plot; a bar there is the onset's 80 % interval."""
     start, stop = reach
     layout["xaxis"]["range"] = [round(start, 4), round(stop, 4)]
     taken: list[tuple[int, float]] = []
