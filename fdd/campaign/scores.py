@@ -161,11 +161,11 @@ def figures(outcomes: Sequence[Outcome]) -> str:
         for t, a in hits
         if t.fault == a.fault and a.severity_interval is not None
     ]
+    # One that was there before the log, by the answer, has no interval, and does not hold an onset within it.
     dated = [
-        a.onset_interval[0] <= o.entry.faults[0].onset_s <= a.onset_interval[1]
-        for o in single
-        for a in o.said[:1]
-        if o.entry.faults[0].onset_s > 0.0 and o.entry.faults[0].fault in a.ambiguity and a.onset_interval
+        a.onset_interval is not None and a.onset_interval[0] <= t.onset_s <= a.onset_interval[1]
+        for t, a in ((o.entry.faults[0], a) for o in single for a in o.said[:1])
+        if t.onset_s > 0.0 and t.fault in a.ambiguity and a.severity is not None
     ]
     mean, each = macro_f1(outcomes)
     lines = [

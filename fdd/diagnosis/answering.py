@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import fdd
 from fdd.diagnosis.decision import USUAL_SIZE, Found
-from fdd.diagnosis.evidence import Evidence
+from fdd.diagnosis.evidence import Evidence, there_before
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Invisible, present
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.model import Model
@@ -60,7 +60,9 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     """One finding as the answer carries it, with its onset (s), detected at the end of its evidence."""
     lead, h = found.lead, found.lead.hypothesis
     earliest, latest = lead.onset_quantiles(0.1, 0.9)
-    interval = (round(min(onset, span.starts[earliest]), 2), round(max(onset, span.until(latest)), 2))
+    began = (round(min(onset, span.starts[earliest]), 2), round(max(onset, span.until(latest)), 2))
+    # Nobody knows for how long it was there before the log.
+    interval = None if there_before(lead.shape, lead.onset) else began
     times: dict[str, Any] = {
         "onset_s": round(onset, 2), "detected_s": round(span.end, 2), "onset_interval": interval,
     }  # fmt: skip
@@ -80,7 +82,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     # A size of which a law, or its scale, is wrong is so many times too large: log-normal.
     own = math.log1p(lead.variance / max(size, 1e-9) ** 2)
     spread = math.sqrt(own + model.calibration.severity_doubt**2)
-    low, high = (size * math.exp(sign * Z80 * min(spread, MOST_SPREAD)) for sign in (-1.0, 1.0))
+    low, high = (round(size * math.exp(sign * Z80 * min(spread, MOST_SPREAD)), 3) for sign in (-1.0, 1.0))
     group = found.group
     share = sum(found.shares.get(f, 0.0) for f in group)
     grows = f"growing over {lead.shape.frames * span.whole:.0f} s from" if span.whole else "growing from"
@@ -107,7 +109,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     return FaultFinding(
         fault=h.fault, family=fault(h.fault).family, ambiguity=group, shares=alike,
         confidence=round(min(sure * share, 0.9999), 4), **times, severity=round(size, 3), evidence=sentences,
-        severity_interval=(round(low, 3), round(high, 3)),
+        severity_interval=(low, high),
         side=h.side, variant=h.variant, channel=h.channel, next_check=fault(h.fault).next_check,
     )  # fmt: skip
 

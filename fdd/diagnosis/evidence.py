@@ -28,16 +28,7 @@ from fdd.diagnosis.fitting import (
     fit,
     known_scatter,
 )
-from fdd.diagnosis.hypotheses import (
-    DATED,
-    RAMP,
-    SHAPES,
-    STEP,
-    Hypothesis,
-    Shape,
-    SuffixSums,
-    time_profile_of,
-)
+from fdd.diagnosis.hypotheses import DATED, SHAPES, STEP, Hypothesis, Shape, SuffixSums, time_profile_of
 from fdd.residuals.effects import Effects
 
 Array = NDArray[np.float64]
@@ -84,7 +75,7 @@ class Amplitude(Fit):
         return [int(self.onsets[np.searchsorted(below, share)]) for share in shares]
 
 
-def _there_before(shape: Shape, onset: int) -> bool:
+def there_before(shape: Shape, onset: int) -> bool:
     """Whether a fault was there before the first frame. One that grows from there on is a change within the
     log, held against what healthy logs change by."""
     return onset == 0 and shape == STEP
@@ -174,14 +165,14 @@ class Evidence:
             for i, (h, one) in enumerate(zip(testable, best.tolist(), strict=True))
             if most[one, i] > LEAST_GAIN
         ]
-        early, later = ([x for x in found if _there_before(*x[1:3]) is b] for b in (True, False))
+        early, later = ([x for x in found if there_before(*x[1:3]) is b] for b in (True, False))
         return [*self.fitted(early, known), *self.fitted(later, known)]
 
     def dated(self, found: Amplitude, known: Sequence[Amplitude]) -> Amplitude:
         """A fault that began within the log, fitted anew at the likeliest of the shapes `DATED`; what drifts,
         and the end of a fault, as it is."""
         h = found.hypothesis
-        if _there_before(found.shape, found.onset) or RAMP.kind not in h.time_profiles:
+        if there_before(found.shape, found.onset) or "ramp" not in h.time_profiles:
             return found
         gains = self._gains([h], known, DATED)[:, 0]
         gains[0, self.onsets == 0] = -np.inf  # a step there is one that was there before
@@ -241,7 +232,7 @@ class Evidence:
             s = e.schur_complement(found.time_profile)
             left = found.time_profile @ (e.rest - self._moved(name, known))
             (changed,) = by_duty(e, np.einsum("h,hij->ij", found.time_profile, e.information)[None])
-            before = _there_before(found.shape, found.onset)
+            before = there_before(found.shape, found.onset)
             usual = np.diag(e.healthy.covariance) if before else changed
             wide, own = (
                 np.linalg.solve(np.eye(left.size) + v[:, None] * s, np.diag(v))
@@ -275,7 +266,7 @@ class Evidence:
         time_profiles = np.stack([first, *(np.tile(n.time_profile, (len(found), 1)) for n in known)], axis=1)
         parts = self._parts([[h, *others] for h, *_ in found], time_profiles)
         out = []
-        fits = fit(self.balances, parts, from_start=_there_before(*found[0][1:3]), stretches=self.stretches)
+        fits = fit(self.balances, parts, from_start=there_before(*found[0][1:3]), stretches=self.stretches)
         for (h, shape, onset, gain), time_profile, f in zip(found, first, fits, strict=True):
             f.score += float(np.log(h.prior_weight))
             out.append(Amplitude(**vars(f), hypothesis=h, time_profile=time_profile, shape=shape, onset=onset,

@@ -81,6 +81,12 @@ def test_a_fault_beside_a_surer_one_is_said_as_second_ones_are(sure: Model) -> N
     assert said(replace(two, second=False), sure).confidence > 0.9 * share
 
 
+def test_what_was_there_before_the_log_has_no_interval_of_its_onset(sure: Model) -> None:
+    for onset in (0, 25):
+        (found,), _ = decide(drawn(1, [(INNER, 1.5, onset)]), [INNER], 2.0)
+        assert (said(found, sure).onset_interval is None) == (onset == 0)
+
+
 def test_a_finding_without_gain_explains_all_where_nothing_is_left(monkeypatch) -> None:
     """Refitted beside its own end it may have none: a share of nothing."""
     isolated = decision._isolated
