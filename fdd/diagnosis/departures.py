@@ -3,8 +3,8 @@
 A fault moves a balance's coefficients by its amplitude times its columns: from the unit's own, where it was
 there before the first frame, or from those before its onset. Healthy coefficients change as well: from log to
 log (`Effects.log_variance`), within one as a random walk, which a step is not, and by the regime. A law errs
-by an amount of its own in every duty, so a change of duty is a draw as a change of log is, the more so the
-less alike the information before and after it.
+by an amount of its own at every load and speed (`fdd.residuals.effects.duty_profiles`), and in every duty, so
+a change of duty is a draw as a change of log is, the more so the less alike the information before and after.
 
 What healthy logs differ by, and stretches scatter by, is Student's t: one log or stretch may be unusual.
 """
@@ -50,13 +50,13 @@ class BalancePosterior:
 
     Healthy coefficients are drawn about the unit's by the variance from log to log. About that level they
     wander as a random walk does about its mean, by the first modes of its Karhunen-Loève expansion (cosines),
-    and go with the viscosity of oil that warms unmeasured. All of it is columns times standard normal
-    variables, turned so that these are independent in the posterior, too.
+    go with load and speed, and with the viscosity of oil that warms unmeasured. All of it is columns times
+    standard normal variables, turned so that these are independent in the posterior, too.
 
     Parameters
     ----------
     information, vector : (h, n, n) and (h, n) of its frames, the wander marginalised. healthy : effects of
-        the unit (the prior), with the scatter of its own healthy logs.
+        the unit (the prior), with the scatter of its own healthy logs. by_duty : (h, j) by `duty_profiles`.
 
     Attributes
     ----------
@@ -67,10 +67,13 @@ class BalancePosterior:
         frames at the posterior mean.
     """
 
-    def __init__(self, information: Array, vector: Array, healthy: Effects) -> None:
+    def __init__(
+        self, information: Array, vector: Array, healthy: Effects, by_duty: Array | None = None
+    ) -> None:
         self.information, self.healthy = information, healthy
         self.total: Array = information.sum(axis=0)
-        profiles, columns = _healthy_columns(information, healthy)
+        by_duty = np.zeros((len(information), 0)) if by_duty is None else by_duty
+        profiles, columns = _healthy_columns(information, healthy, by_duty)
         (frames, j), (_, n, z) = profiles.shape, columns.shape
         pairs = (profiles[:, :, None] * profiles[:, None]).reshape(frames, -1)
         sums = (pairs.T @ information.reshape(frames, -1)).reshape(j, j, n, n).swapaxes(1, 2)
@@ -138,7 +141,7 @@ class BalancePosterior:
         return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
 
 
-def _healthy_columns(information: Array, healthy: Effects) -> tuple[Array, Array]:
+def _healthy_columns(information: Array, healthy: Effects, by_duty: Array) -> tuple[Array, Array]:
     """Time profiles (h, j) of the healthy coefficients' standard normal variables, and what these change of
     the coefficients by each profile, (j, n, z); of a log with information (h, n, n)."""
     frames, n = information.shape[:2]
@@ -147,15 +150,18 @@ def _healthy_columns(information: Array, healthy: Effects) -> tuple[Array, Array
     most = np.where(healthy.log_variance > 0.0, 2.0 * healthy.log_variance, np.inf)
     drifts = np.sqrt(np.minimum(np.square(healthy.within) * frames / WITHIN_FRAMES, most))
     walk = np.sqrt(2.0) * np.cos(along[:, None] * k) / k
-    told = np.square(walk).T @ (np.einsum("hii->hi", information) * np.square(drifts))
-    mode, of = np.nonzero(told > LEAST_INFORMATION)
-    modes = mode.max(initial=-1) + 1
-    columns = np.zeros((modes + 2, n, n + mode.size + 1))
+    errors = np.sqrt(np.where(healthy.own, healthy.log_variance, 0.0))
+    profiles = np.column_stack([walk, by_duty])
+    std = np.repeat([drifts, errors], [MODES, by_duty.shape[1]], axis=0)
+    told = np.square(profiles).T @ np.einsum("hii->hi", information) * np.square(std)
+    profile, of = np.nonzero(told > LEAST_INFORMATION)
+    used, place = np.unique(profile, return_inverse=True)
+    columns = np.zeros((used.size + 2, n, n + of.size + 1))
     columns[0, :, :n] = np.linalg.cholesky(healthy.covariance)
-    columns[mode + 1, of, n + np.arange(mode.size)] = drifts[of]
+    columns[place + 1, of, n + np.arange(of.size)] = std[profile, of]
     columns[-1, :, -1] = healthy.warming
-    profiles = [np.ones(frames), *walk[:, :modes].T, frames * FRAME_S * (along - 0.5)]
-    return np.column_stack(profiles), columns
+    each = [np.ones(frames), *profiles.T[used], frames * FRAME_S * (along - 0.5)]
+    return np.column_stack(each), columns
 
 
 class Departures(NamedTuple):

@@ -29,7 +29,7 @@ from fdd.diagnosis.fitting import (
     known_scatter,
 )
 from fdd.diagnosis.hypotheses import DATED, SHAPES, STEP, Hypothesis, Shape, SuffixSums, time_profile_of
-from fdd.residuals.effects import Effects
+from fdd.residuals.effects import Effects, duty_profiles
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -95,7 +95,8 @@ class Evidence:
     frames : balance name to its frames' information (h, n, n) and vector (h, n), the wander marginalised;
         balances without information are left out. effects : prior of the coefficients at the first frame.
         from_start : whether that is the unit's baseline, so that a fault may have been present before the
-        first frame. stretches : length of correlated errors and lower bound of the overdispersion.
+        first frame. stretches : length of correlated errors and lower bound of the overdispersion. duty :
+        (h, 2), see `duty_profiles`; None where the frames' are not known.
 
     Attributes
     ----------
@@ -104,13 +105,14 @@ class Evidence:
 
     def __init__(
         self, frames: Mapping[str, tuple[Array, Array]], effects: Mapping[str, Effects], *,
-        from_start: bool = True, stretches: Stretches = Stretches(),
+        from_start: bool = True, stretches: Stretches = Stretches(), duty: Array | None = None,
     ) -> None:  # fmt: skip
         self.alone: list[Amplitude] = []
         # By the known faults that a hypothesis shares balances with, and by its identity.
         self._kept: dict[Known, dict[int, tuple[Hypothesis, Amplitude | None]]] = {}
         self.stretches = stretches
-        self.balances = {name: BalancePosterior(m, v, effects[name]) for name, (m, v) in frames.items()}
+        by_duty = None if duty is None else duty_profiles(duty)
+        self.balances = {n: BalancePosterior(m, v, effects[n], by_duty) for n, (m, v) in frames.items()}
         self.frames = max((len(m) for m, _ in frames.values()), default=0)
         inside = np.arange(LEAST_BEFORE * stretches.frames, self.frames - LEAST_AFTER)
         first = [0] if from_start and self.frames > LEAST_AFTER else []

@@ -45,7 +45,7 @@ SCAN_FRAMES, VERDICT_FRAMES = 10, 16
 """Frames between two evaluations of the evidence (5 s), and the fewest that allow a verdict (8 s)."""
 WINDOW_FRAMES = 300
 """Frames that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "26"
+STATE_VERSION = "27"
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Evaluations in a minute, and how many a monitor remembers: an hour."""
 EPOCHS = Stretches(frames=1, least=1.0)
@@ -219,7 +219,8 @@ class Pipeline(Restorable):
         """What the evidence says now, older frames being the reference; see `SequentialDetector.evaluate`."""
         history = self._history
         start = history.fold(WINDOW_FRAMES, self._acute.active.intervals())
-        evidence = Evidence(history.marginalised(), history.held_against(), from_start=start == 0)
+        frames, prior = history.marginalised(), history.held_against()
+        evidence = Evidence(frames, prior, from_start=start == 0, duty=history.duty)
         starts = [h * FRAME_S for h in history.frames]
         return self._acute.evaluate(evidence, Span(starts, starts[-1] + FRAME_S), self._first_time, even=even)
 

@@ -26,7 +26,7 @@ LEAST_INFORMATION = 1e-3
 """Least information of a frame on all coefficients together, over that of their prior."""
 HEAT_K = 10.0
 """K, unit of `LogConditions.heat`."""
-SURROUNDINGS = 3
+SURROUNDINGS, DUTY = 5, 2
 MOST_FRAMES = 20
 """Frames that are computed at a time: their columns still fit the processor's cache."""
 
@@ -51,7 +51,8 @@ class BalanceHistory(Restorable):
         self.equations: dict[str, list[NormalEquations]] = {name: [] for name in BALANCES}
         self._marginal: dict[str, list[tuple[Array, Array]]] = {name: [] for name in BALANCES}
         self.surroundings: list[list[float]] = []
-        """Of each frame kept, the last three of `LogConditions`."""
+        """Of each frame kept, the last three of `LogConditions`, and its duty: mean drop over relief
+        pressure, mean size of the pump's speed over the drive's largest."""
         self.reference = effects
         """Prior of the coefficients at the first frame kept: the unit's baseline, updated by older frames."""
         self.epochs = Epochs()
@@ -82,9 +83,14 @@ class BalanceHistory(Restorable):
         seen = [k for k, frame in enumerate(self.equations[name]) if frame.rows]
         if not seen:
             return None
-        around = np.mean([self.surroundings[k] for k in seen], axis=0).tolist()
+        around = np.mean([self.surroundings[k][:-DUTY] for k in seen], axis=0).tolist()
         rows = float(np.mean([self.equations[name][k].variance for k in seen]))
         return LogConditions(1.0, rows, *around)
+
+    @property
+    def duty(self) -> Array:
+        """Load and speed (h, 2) of the frames kept, see `duty_profiles`."""
+        return np.array(self.surroundings).reshape(-1, SURROUNDINGS)[:, -DUTY:]
 
     def held_against(self) -> dict[str, Effects]:
         """Prior of the frames kept: the reference once older frames were learnt, else `expected`."""
@@ -125,7 +131,9 @@ class BalanceHistory(Restorable):
         self.frames += range(first, first + count)
         off = q.take["temperature"] - self.unit.oil.reference_temperature
         heat = np.nan_to_num(np.square(off / HEAT_K))
-        each = np.column_stack([~q.chambers_measured, heat, np.isnan(off)])[TAIL_BINS:]
+        duty = q.drop_measured / self.scales.pressure, np.abs(q.speed) / self.scales.speed
+        each = np.column_stack([~q.chambers_measured, heat, np.isnan(off), *map(np.nan_to_num, duty)])
+        each = each[TAIL_BINS:]
         self.surroundings += each.reshape(count, FRAME_BINS, SURROUNDINGS).mean(axis=1).tolist()
         self.last = self.frames[-1]
         self.taken += count

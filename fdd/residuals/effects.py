@@ -23,6 +23,11 @@ a kelvin (ISO VG 32 at 40 °C by Walther's equation)."""
 WARMING = 2e-3
 """1/s, standard deviation of the rate at which ln viscosity falls while oil warms: 3 K a minute, at 4 % a
 kelvin."""
+DUTY_SCALE = 0.3
+"""Of relief pressure and of the largest speed: distance between two duties at which a law's errors correlate
+by 1/e. What is found is the same from 0.15 to 0.6 (900 healthy logs, 387 visible faults, simulated)."""
+LEAST_PROFILE = 0.02
+"""Variance, over that from log to log, below which a profile of these errors is left out."""
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
 Positive = Annotated[float, Field(ge=0.0, le=1e12)]
 
@@ -172,3 +177,27 @@ def viscous_change(name: str, mean: Array) -> Array:
     balance = BALANCES[name]
     goes = [float(c in balance.viscous) - float(c in balance.laminar) for c in balance.columns]
     return np.array(goes) * mean
+
+
+def duty_profiles(duty: Array) -> Array:
+    """Profiles (h, j) over frames of what a law errs by as its duty changes within a log.
+
+    The error is a Gaussian process over the duty, as in Kennedy and O'Hagan 2001 (doi
+    10.1111/1467-9868.00294), with an exponential covariance and the variance from log to log; about its mean
+    in the log it is the sum of these profiles times independent variables of that variance.
+
+    Parameters
+    ----------
+    duty : (h, 2), load and speed of the frames.
+    """
+    # All frames in one cell of half a scale err alike: the matrix stays small.
+    cells, place, count = np.unique(
+        np.round(2.0 * duty / DUTY_SCALE), axis=0, return_inverse=True, return_counts=True
+    )
+    weight = np.sqrt(count / len(duty))
+    centred = np.eye(len(cells)) - np.outer(weight, weight)
+    alike = np.exp(-0.5 * np.abs(cells[:, None] - cells).sum(axis=2))
+    values, vectors = np.linalg.eigh(centred @ (weight[:, None] * alike * weight) @ centred)
+    kept = values > LEAST_PROFILE
+    profiles = vectors[:, kept] * np.sqrt(values[kept]) / weight[:, None]
+    return np.asarray(profiles[place.ravel()])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_up_evidence import DRIFT, EFFECTS, FRAMES, LEAK, NAME, drawn
+from scipy.linalg import block_diag
 from scipy.special import log_ndtr
 from scipy.stats import t
 
@@ -25,7 +26,7 @@ from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.fitting import Parts
 from fdd.diagnosis.hypotheses import STEP, Hypothesis, Shape, time_profile_of
 from fdd.residuals.bins import FRAME_S
-from fdd.residuals.effects import Effects
+from fdd.residuals.effects import DUTY_SCALE, Effects, duty_profiles
 
 GROWN = Shape("drift", 100)
 
@@ -117,15 +118,35 @@ def test_a_step_is_weighed_beside_a_random_walk(onset: int) -> None:
     centre = np.eye(FRAMES) - 1.0 / FRAMES
     walk = centre @ step @ centre / WITHIN_FRAMES
     covariance = np.kron(np.ones((FRAMES, FRAMES)), EFFECTS.covariance) + np.kron(walk, np.diag(within**2))
-    rows = np.zeros((FRAMES * n, FRAMES * n))
-    for h, m in enumerate(e.information):
-        rows[h * n : (h + 1) * n, h * n : (h + 1) * n] = m
+    rows = block_diag(*e.information)
     whole = np.linalg.solve(np.eye(len(rows)) + rows @ covariance, rows)  # information, changes marginalised
     g = np.kron(time_profile_of(STEP, FRAMES, onset), LEAK.columns[NAME])
     found = weighed(walks, [(LEAK, onset)])
     assert found.information[0] == pytest.approx(g @ whole @ g, rel=0.03)
     still = told(*frames_of(3), replace(EFFECTS, within=np.zeros(n)))
     assert weighed(still, [(LEAK, onset)]).information[0] > 1.5 * found.information[0]
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.6])
+def test_a_step_is_weighed_beside_what_a_law_errs_by_at_other_loads(moved: float) -> None:
+    """Expected: generalised least squares with the process's whole covariance over load and speed about its
+    mean, frame by frame."""
+    e, n = drawn(3, frames=FRAMES).balances[NAME], EFFECTS.mean.size
+    std = np.array([0.3, 0.1, 0.2])
+    load = np.random.default_rng(3).choice([-0.3, 0.0, 0.15], FRAMES) + moved * (np.arange(FRAMES) >= 40)
+    duty = np.column_stack([load, np.repeat([0.0, 0.3], FRAMES // 2)])
+    healthy = replace(EFFECTS, within=np.zeros(n), log_variance=std**2)
+    evidence = Evidence({NAME: frames_of(3)}, {NAME: healthy}, duty=duty)
+    alike = np.exp(-np.abs(duty[:, None] - duty).sum(axis=2) / DUTY_SCALE)
+    centre = np.eye(FRAMES) - 1.0 / FRAMES
+    covariance = np.kron(np.ones((FRAMES, FRAMES)), EFFECTS.covariance)
+    covariance += np.kron(centre @ alike @ centre, np.diag(std**2))
+    rows = block_diag(*e.information)
+    whole = np.linalg.solve(np.eye(len(rows)) + rows @ covariance, rows)  # information, changes marginalised
+    g = np.kron(time_profile_of(STEP, FRAMES, 40), LEAK.columns[NAME])
+    found = weighed(evidence, [(LEAK, 40)]).information[0]
+    assert found == pytest.approx(g @ whole @ g, rel=0.03)
+    assert duty_profiles(np.tile([0.4, 0.2], (FRAMES, 1))).size == 0, "one duty: the error is the level's"
 
 
 def test_a_log_drifts_no_further_than_two_logs_differ() -> None:

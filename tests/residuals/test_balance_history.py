@@ -7,7 +7,7 @@ import pytest
 
 from fdd.diagnosis.hypotheses import HealthyUnit
 from fdd.faults import CATALOGUE
-from fdd.residuals.balance_history import BalanceHistory
+from fdd.residuals.balance_history import SURROUNDINGS, BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S
 from fdd.residuals.effects import (
@@ -30,7 +30,7 @@ MINUTE = round(60.0 / FRAME_S)
 
 def began(history: BalanceHistory, frame: int) -> None:
     history.frames.append(frame)
-    history.surroundings.append([0.0, 0.0, 0.0])
+    history.surroundings.append([0.0] * SURROUNDINGS)
 
 
 @pytest.mark.parametrize("within", [0.0, 0.3])
@@ -104,7 +104,7 @@ def told_of(frames: int) -> BalanceHistory:
     unit.baseline = Baseline(version="", seconds=1.0, balances={})
     history = BalanceHistory(unit, dict(EFFECTS))
     history.frames, history.last, history.taken = list(range(10, 10 + frames)), 9 + frames, frames
-    history.surroundings = [[0.0, 0.0, 0.0]] * frames
+    history.surroundings = [[0.0] * SURROUNDINGS] * frames
     for name, e in history.effects.items():
         for _ in range(frames):
             x = rng.normal(size=(30, e.mean.size)) / np.sqrt(np.diag(e.covariance))
