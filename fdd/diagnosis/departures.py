@@ -56,7 +56,8 @@ class BalancePosterior:
     Parameters
     ----------
     information, vector : (h, n, n) and (h, n) of its frames, the wander marginalised. healthy : effects of
-        the unit (the prior), with the scatter of its own healthy logs. by_duty : (h, j) by `duty_profiles`.
+        the unit (the prior), with the scatter of its own healthy logs. duty_profiles : (h, j), see
+        `fdd.residuals.effects.duty_profiles`.
 
     Attributes
     ----------
@@ -67,13 +68,10 @@ class BalancePosterior:
         frames at the posterior mean.
     """
 
-    def __init__(
-        self, information: Array, vector: Array, healthy: Effects, by_duty: Array | None = None
-    ) -> None:
+    def __init__(self, information: Array, vector: Array, healthy: Effects, duty_profiles: Array) -> None:
         self.information, self.healthy = information, healthy
         self.total: Array = information.sum(axis=0)
-        by_duty = np.zeros((len(information), 0)) if by_duty is None else by_duty
-        profiles, columns = _healthy_columns(information, healthy, by_duty)
+        profiles, columns = _healthy_columns(information, healthy, duty_profiles)
         (frames, j), (_, n, z) = profiles.shape, columns.shape
         pairs = (profiles[:, :, None] * profiles[:, None]).reshape(frames, -1)
         sums = (pairs.T @ information.reshape(frames, -1)).reshape(j, j, n, n).swapaxes(1, 2)
@@ -141,7 +139,7 @@ class BalancePosterior:
         return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
 
 
-def _healthy_columns(information: Array, healthy: Effects, by_duty: Array) -> tuple[Array, Array]:
+def _healthy_columns(information: Array, healthy: Effects, duty_profiles: Array) -> tuple[Array, Array]:
     """Time profiles (h, j) of the healthy coefficients' standard normal variables, and what these change of
     the coefficients by each profile, (j, n, z); of a log with information (h, n, n)."""
     frames, n = information.shape[:2]
@@ -151,8 +149,8 @@ def _healthy_columns(information: Array, healthy: Effects, by_duty: Array) -> tu
     drifts = np.sqrt(np.minimum(np.square(healthy.within) * frames / WITHIN_FRAMES, most))
     walk = np.sqrt(2.0) * np.cos(along[:, None] * k) / k
     errors = np.sqrt(np.where(healthy.own, healthy.log_variance, 0.0))
-    profiles = np.column_stack([walk, by_duty])
-    std = np.repeat([drifts, errors], [MODES, by_duty.shape[1]], axis=0)
+    profiles = np.column_stack([walk, duty_profiles])
+    std = np.repeat([drifts, errors], [MODES, duty_profiles.shape[1]], axis=0)
     told = np.square(profiles).T @ np.einsum("hii->hi", information) * np.square(std)
     profile, of = np.nonzero(told > LEAST_INFORMATION)
     used, place = np.unique(profile, return_inverse=True)

@@ -96,7 +96,7 @@ class Evidence:
         balances without information are left out. effects : prior of the coefficients at the first frame.
         from_start : whether that is the unit's baseline, so that a fault may have been present before the
         first frame. stretches : length of correlated errors and lower bound of the overdispersion. duty :
-        (h, 2), see `duty_profiles`; None where the frames' are not known.
+        (h, 2), see `duty_profiles`; None where all frames have the same.
 
     Attributes
     ----------
@@ -111,9 +111,9 @@ class Evidence:
         # By the known faults that a hypothesis shares balances with, and by its identity.
         self._kept: dict[Known, dict[int, tuple[Hypothesis, Amplitude | None]]] = {}
         self.stretches = stretches
-        by_duty = None if duty is None else duty_profiles(duty)
-        self.balances = {n: BalancePosterior(m, v, effects[n], by_duty) for n, (m, v) in frames.items()}
         self.frames = max((len(m) for m, _ in frames.values()), default=0)
+        profiles = duty_profiles(np.zeros((self.frames, 2)) if duty is None else duty)
+        self.balances = {n: BalancePosterior(m, v, effects[n], profiles) for n, (m, v) in frames.items()}
         inside = np.arange(LEAST_BEFORE * stretches.frames, self.frames - LEAST_AFTER)
         first = [0] if from_start and self.frames > LEAST_AFTER else []
         self.onsets = np.concatenate([np.array(first, dtype=np.int64), inside])

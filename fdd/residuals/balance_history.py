@@ -27,6 +27,7 @@ LEAST_INFORMATION = 1e-3
 HEAT_K = 10.0
 """K, unit of `LogConditions.heat`."""
 SURROUNDINGS, DUTY = 5, 2
+"""Numbers in `BalanceHistory.surroundings` of a frame, and those of them, the last, that are its duty."""
 MOST_FRAMES = 20
 """Frames that are computed at a time: their columns still fit the processor's cache."""
 
