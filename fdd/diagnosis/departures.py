@@ -265,30 +265,6 @@ def _alike(e: BalancePosterior, before: Array, after: Array) -> Array:
     return np.asarray(np.clip(np.sum(one * two, axis=(1, 2)) / (own + rounding + 1e-300), 0.0, 1.0))
 
 
-def unusual(balances: Mapping[str, BalancePosterior], parts: Parts, overdispersion: Array) -> Array:
-    """Excess (f,) of a log's variance about its unit over the usual one, by the directions of the
-    coefficients in which no fault acts. What logs differ by is a multivariate Student's t: one that is
-    unusual is so in all directions. The variance is the posterior mean of its scale, no less than usual."""
-    square, count = np.zeros((2, len(parts.signed)))
-    for name, columns in parts.columns.items():
-        e, mine = balances[name], np.flatnonzero(columns[:, 0].any(axis=1))
-        root = np.linalg.cholesky(e.healthy.covariance)
-        told, turned = np.linalg.eigh(root.T @ e.total @ root)
-        basis = root @ turned / np.sqrt(told.clip(1e-9) * (1.0 + told.clip(1e-9)))
-        weight = told.clip(0.0) / (1.0 + told.clip(0.0))
-        off = e.deviation.sum(axis=0) @ basis
-        acting = parts.time_profiles[mine] @ e.information.reshape(len(e.information), -1)
-        acting = acting.reshape(*acting.shape[:2], *e.total.shape)
-        sums = np.einsum("fpij,fpj->fpi", acting, columns[mine]) @ basis
-        _, size, q = np.linalg.svd(sums, full_matrices=False)
-        q = np.where(size[..., None] > 1e-9 * size[:, :1, None], q, 0.0)
-        left = off - np.einsum("fpi,fp->fi", q, q @ off)
-        square[mine] += np.square(left) @ weight
-        count[mine] += weight.sum() - np.square(q).sum(axis=1) @ weight
-    square /= 1.0 + overdispersion
-    return np.asarray(np.maximum(square - count, 0.0) / (STUDENT + count))
-
-
 def freedom(healthy: Array, blocks: Array) -> Array:
     """Degrees of freedom (f,) of amplitudes, by Welch's formula (1947, doi 10.1093/biomet/34.1-2.28).
 

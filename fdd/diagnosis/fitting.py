@@ -25,7 +25,6 @@ from fdd.diagnosis.departures import (
     freedom,
     heavy_tailed,
     log_normal,
-    unusual,
 )
 from fdd.residuals.bins import BLOCK_FRAMES
 
@@ -212,10 +211,7 @@ def fit(
     gain = np.maximum(gain, schur * size * (free - 0.5 * size))
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
-    more = unusual(balances, parts, overdispersion) if from_start else 0.0
-    spread = 1.0 + likely.healthy * more
-    share = likely.healthy * (1.0 + more) / spread
-    ratio = heavy_tailed(_gain(likely, size) / spread, freedom(share, behind))
+    ratio = heavy_tailed(_gain(likely, size), freedom(likely.healthy, behind))
     occam = 0.5 * np.log1p(scales[:, 0] ** 2 * precision)  # of Laplace's approximation
     score = ratio - occam
     one_sided = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])

@@ -20,7 +20,6 @@ from fdd.diagnosis.departures import (
     freedom,
     heavy_tailed,
     log_normal,
-    unusual,
 )
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.fitting import Parts
@@ -192,18 +191,3 @@ def test_heavy_tailed_is_students_t_of_welchs_degrees_of_freedom() -> None:
         np.testing.assert_allclose(heavy_tailed(ratio, found), by_t)
         np.testing.assert_allclose(as_normal(by_t, found), ratio)
     np.testing.assert_allclose(heavy_tailed(ratio, freedom(0.0 * one, 1e9 * one)), ratio, rtol=1e-3)
-
-
-def test_a_log_is_as_unusual_as_it_is_across_the_fault() -> None:
-    """Beside the scale of a multivariate t: a log off by so many deviations; the leak is along the first."""
-    frames = drawn(1, steady=True).balances[NAME].information
-    std = np.sqrt(np.diag(EFFECTS.covariance))
-    columns, one = {NAME: LEAK.columns[NAME][None, None]}, np.ones((1, 1))
-    parts = Parts(columns, np.ones((1, 1, FRAMES)), one, np.ones(1, np.bool_))
-    for off, kappa in (((9.0, 0.0, 0.0), 0.5), ((0.0, 3.0, 4.0), 0.5), ((5.0, 3.0, 4.0), 2.0)):
-        vector = frames @ (EFFECTS.mean + np.array(off) * std)
-        evidence = told(frames, vector)
-        square = (off[1] ** 2 + off[2] ** 2) / (1.0 + kappa)
-        scale = max((4.0 + square) / (4.0 + 2.0), 1.0)
-        found = unusual(evidence.balances, parts, np.full(1, kappa))
-        np.testing.assert_allclose(found, scale - 1.0, rtol=1e-3, atol=1e-6)
