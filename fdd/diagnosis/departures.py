@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from fdd.diagnosis.fitting import Parts
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 WITHIN_FRAMES = 300.0
 """Frames (150 s) in which the random walk of a healthy unit's coefficients has the standard deviation
@@ -73,10 +74,13 @@ class BalancePosterior:
         self.total: Array = information.sum(axis=0)
         profiles, columns = _healthy_columns(information, healthy, duty_profiles)
         (frames, j), (_, n, z) = profiles.shape, columns.shape
-        pairs = (profiles[:, :, None] * profiles[:, None]).reshape(frames, -1)
-        sums = (pairs.T @ information.reshape(frames, -1)).reshape(j, j, n, n).swapaxes(1, 2)
         flat = columns.reshape(-1, z)
-        values, turned = np.linalg.eigh(flat.T @ sums.reshape(j * n, j * n) @ flat)
+        # Sums over frames of M times two profiles: symmetric in both, and asked where columns are.
+        (used,) = np.nonzero(flat.any(axis=1))
+        (one, other), pair = _of_triangle(j, used // n)
+        (row, column), entry = _of_triangle(n, used % n)
+        sums = ((profiles[:, one] * profiles[:, other]).T @ information[:, row, column])[pair, entry]
+        values, turned = np.linalg.eigh(flat[used].T @ sums @ flat[used])
         seen = values > LEAST_INFORMATION
         self.values, turned = values[seen], turned[:, seen]
         self.own = turned[:n]
@@ -137,6 +141,15 @@ class BalancePosterior:
         """What changes (…, n) of the coefficients add to the frames' scores, (…, h, n)."""
         n = changes.shape[-1]
         return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
+
+
+def _of_triangle(size: int, at: NDArray[np.int64]) -> tuple[tuple[Indices, Indices], Indices]:
+    """Rows and columns of a symmetric matrix's upper triangle, and the places (k, k) in it of the entries
+    between rows `at` (k,)."""
+    upper = np.triu_indices(size)
+    place = np.zeros((size, size), dtype=np.int64)
+    place[upper] = place.T[upper] = np.arange(upper[0].size)
+    return upper, place[at[:, None], at]
 
 
 def _healthy_columns(information: Array, healthy: Effects, duty_profiles: Array) -> tuple[Array, Array]:

@@ -205,7 +205,7 @@ class Evidence:
                     lam[i][:, mine[k]] += own.squared(shape, self.onsets)[:, k]
                     # Less what the log's own level and drift absorb.
                     absorbed = columns[k] @ e.suffix_sums.over(shape, self.onsets)
-                    lam[i][:, mine[k]] -= np.square(absorbed).sum(axis=2)
+                    lam[i][:, mine[k]] -= np.einsum("kfz,kfz->kf", absorbed, absorbed)
                     b[i][:, mine[k]] += scores.over(shape, self.onsets)[:, k]
         size = b / lam
         size = np.where(signed, np.clip(size, 0.0, GREATEST), size)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.faults import CATALOGUE, unusable
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.compiled import sum_from_here
 from fdd.residuals.effects import Effects
 from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
@@ -166,7 +167,9 @@ class SuffixSums:
 
 def _from_here(x: Array) -> Array:
     """Sums of (h, …) from each frame to the last."""
-    return np.asarray(np.cumsum(x[::-1], axis=0)[::-1])
+    out = np.array(x)
+    sum_from_here(out.reshape(len(x), -1))
+    return out
 
 
 def _at(x: Array, frames: Indices) -> Array:

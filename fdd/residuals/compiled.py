@@ -1,4 +1,4 @@
-"""The compiler of this package, and filters: a seal's friction, first-order lags, windowed means."""
+"""The compiler of this package; a seal's friction, first-order lags, windowed means, suffix sums."""
 
 from __future__ import annotations
 
@@ -85,3 +85,11 @@ def windowed_means(
     for k in range(out.size):
         inside = 0 < k % frame_bins < frame_bins - 1 and weights[k] > 0.0
         out[k] = out[k] / weights[k] if inside else np.nan
+
+
+@njit()
+def sum_from_here(x: Array) -> None:
+    """Replace rows (h, m) by the sum of each and all later ones, in a fraction of `np.cumsum`'s time."""
+    for k in range(len(x) - 2, -1, -1):
+        for i in range(x.shape[1]):
+            x[k, i] += x[k + 1, i]
