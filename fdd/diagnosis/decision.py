@@ -41,7 +41,7 @@ class Found:
     Attributes
     ----------
     explained : share of the change of its balances that it explains, given the other findings.
-    second : whether it is beside a surer one.
+    second : whether it is beside the leading one.
     """
 
     lead: Amplitude
@@ -99,19 +99,14 @@ def decide(
             for f in once:
                 f.lead = evidence.dated(f.lead, [g.lead for g in found if g is not f])
             # A fault is not in doubt for its own end, which may be the surer finding.
-            surest = max(
-                (f for f in once if f.lead.hypothesis.ends is None), key=lambda f: f.score, default=None
-            )
+            begun = [f.lead for f in once if f.lead.hypothesis.ends is None]
+            first = leading(begun) if begun else None
             for f in once:
-                f.second = f is not surest
+                f.second = f.lead is not first
             return once, score - against
         sure = [f for f in fits if f.score - against >= threshold]
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
-        # Of those in the balances of the best, the largest gain over its misfit leads: a part of a large
-        # deviation may have the larger score.
-        best = max(stand or sure, key=lambda f: f.score).hypothesis.columns.keys()
-        rivals = [f for f in stand or sure if best & f.hypothesis.columns.keys()]
-        seed = max(rivals, key=lambda f: f.gain / np.sqrt(f.reduced_chi_square))
+        seed = leading(stand or sure)
         if stand:
             fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_FRAMES]
         found.append(_isolated(evidence, seed, fits, score))
@@ -120,6 +115,14 @@ def decide(
             _take_its_end(evidence, found)
         elif all(f.lead.hypothesis.ends is None for f in found):
             found = beside_the_newest(evidence, found, hypotheses, threshold)
+
+
+def leading(fits: Sequence[Amplitude]) -> Amplitude:
+    """Of those in the balances of the surest the largest gain over its misfit: a part of a large deviation,
+    or what its law leaves, may have the larger score."""
+    best = max(fits, key=lambda f: f.score).hypothesis.columns.keys()
+    rivals = (f for f in fits if best & f.hypothesis.columns.keys())
+    return max(rivals, key=lambda f: f.gain / np.sqrt(f.reduced_chi_square))
 
 
 def beside_the_newest(

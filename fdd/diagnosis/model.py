@@ -101,7 +101,7 @@ class Calibration(BaseModel):
         the score's `root`, for faults that leave a trace. hidden_power : the share of faults that leave none
         is this power of the share that the log could not have shown. least : score that one healthy log in
         fifty reaches, which a verdict asks at least. second_midpoint, second_slope : logistic of the root for
-        findings beside a surer one, each of which may be what the first one's law leaves. severity_doubt :
+        findings beside the leading one, which may be what that one's law leaves. severity_doubt :
         std of a severity's logarithm by what no column knows, as how turbulent a leak is or how a seal wears.
     """
 
@@ -117,7 +117,7 @@ class Calibration(BaseModel):
 
     def probability(self, score: float, hidden: float = 0.0, *, second: bool = False) -> float:
         """Of a fault, given the largest score; `hidden` is the share of faults that this log could not have
-        shown, `second` that a surer one was found.
+        shown, `second` that another one leads.
 
         Examples
         --------

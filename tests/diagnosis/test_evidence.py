@@ -11,7 +11,7 @@ from simulated_logs import DURATION_S, LOADS
 
 from fdd import Scenario, Unit, simulate
 from fdd.diagnosis.baseline import effects_of, history_of
-from fdd.diagnosis.decision import LAW_DOUBT, USUAL_SIZE, Found, beside_the_newest, decide
+from fdd.diagnosis.decision import LAW_DOUBT, USUAL_SIZE, Found, beside_the_newest, decide, leading
 from fdd.diagnosis.departures import WITHIN_FRAMES
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.hypotheses import STEP, Hypothesis, hypotheses
@@ -134,6 +134,15 @@ def test_of_faults_in_balances_apart_the_surest_leads() -> None:
     assert leak.gain / np.sqrt(leak.reduced_chi_square) > sure.gain > 0.0 and leak.score < sure.score
     found, _ = decide(evidence, [LEAK, other], 4.0)
     assert names(found) == ["other", "leak"]
+
+
+def test_a_large_change_leads_what_its_law_leaves() -> None:
+    """Whatever their scores: that of what was there from the first row is bounded by how logs differ."""
+    leak, drift = drawn(1, [(LEAK, 0.7, 25), (DRIFT, 0.7, 50)]).fits([LEAK, DRIFT], [])
+    large, left = replace(leak, gain=4900.0, score=14.0), replace(drift, gain=120.0, score=21.0)
+    for chi_square, first in ((3.0, large), (2000.0, left)):
+        large.reduced_chi_square, left.reduced_chi_square = chi_square, 1.0
+        assert leading([large, left]) is first
 
 
 def test_two_signatures_of_one_fault_count_as_one_of_three() -> None:
