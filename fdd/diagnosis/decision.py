@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.diagnosis.evidence import Amplitude, Evidence
+from fdd.diagnosis.evidence import LAW_DOUBT, Amplitude, Evidence
 from fdd.diagnosis.hypotheses import RAMP, RECOVERED, Hypothesis, end_of
 
 SAME_EFFECT = 0.5
@@ -29,9 +29,6 @@ SECOND_FAULT = 2.0
 """Prior log odds against a second fault; assumed: one faulty unit in eight has two."""
 TOGETHER_FRAMES = 4
 """Frames within which two onsets count as the same."""
-LAW_DOUBT = 0.25
-"""Model error of a fault's law, as a share of its effect: flow by the root of pressure and flow by pressure
-differ by that much over a range from none to full (4 to 6 % of the energy)."""
 
 
 @dataclass
