@@ -94,16 +94,17 @@ def decide(
                 f.explained = f.lead.gain / (f.lead.gain + left) if left > 0.0 else 1.0
             once = [f for f in _each_once(found) if f.known or not _of_a_larger(f, found)]
             for f in once:
-                f.lead = evidence.dated(f.lead, [g.lead for g in found if g is not f])
+                others = [g.lead for g in found if g is not f]
+                f.lead = evidence.dated(f.lead, others, steady=not f.known)
             # A fault is not in doubt for its own end, which may be the surer finding.
-            begun = [f.lead for f in once if f.lead.hypothesis.ends is None]
-            first = leading(begun) if begun else None
+            begun = [f for f in once if f.lead.hypothesis.ends is None]
+            first = leading([f.lead for f in begun], [f.score for f in begun]) if begun else None
             for f in once:
                 f.second = f.lead is not first
             return once, score - against
         sure = [f for f in fits if f.score - against >= threshold]
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]
-        seed = leading(stand or sure)
+        seed = leading(stand or sure, [f.score for f in stand or sure])
         if stand:
             fits = [f for f in fits if abs(f.onset - seed.onset) <= TOGETHER_FRAMES]
         found.append(_isolated(evidence, seed, fits, score))
@@ -114,10 +115,10 @@ def decide(
             found = beside_the_newest(evidence, found, hypotheses, threshold)
 
 
-def leading(fits: Sequence[Amplitude]) -> Amplitude:
-    """Of those in the balances of the surest the largest gain over its misfit: a part of a large deviation,
-    or what its law leaves, may have the larger score."""
-    best = max(fits, key=lambda f: f.score).hypothesis.columns.keys()
+def leading(fits: Sequence[Amplitude], scores: Sequence[float]) -> Amplitude:
+    """Of those in the balances of the surest, by its score, the largest gain over its misfit: a part of a
+    large deviation, or what its law leaves, may have the larger score."""
+    best = fits[int(np.argmax(scores))].hypothesis.columns.keys()
     rivals = (f for f in fits if best & f.hypothesis.columns.keys())
     return max(rivals, key=lambda f: f.gain / np.sqrt(f.reduced_chi_square))
 

@@ -179,9 +179,9 @@ class Evidence:
         early, later = ([x for x in found if there_before(*x[1:3]) is b] for b in (True, False))
         return [*self.fitted(early, known), *self.fitted(later, known)]
 
-    def dated(self, found: Amplitude, known: Sequence[Amplitude]) -> Amplitude:
-        """A fault that began within the log, fitted anew at the likeliest of the shapes `DATED`; what drifts,
-        and the end of a fault, as it is."""
+    def dated(self, found: Amplitude, known: Sequence[Amplitude], *, steady: bool = False) -> Amplitude:
+        """A fault that began within the log, fitted anew at the likeliest of the shapes `DATED` or, unless
+        it is `steady`, as one that comes and goes; what drifts, and the end of a fault, as it is."""
         h = found.hypothesis
         if there_before(found.shape, found.onset) or "ramp" not in h.time_profiles:
             return found
@@ -189,6 +189,8 @@ class Evidence:
         gains[0, self.onsets == 0] = -np.inf  # a step there is one that was there before
         best = int(np.argmax(gains.max(axis=1)))
         (anew,) = self.fitted([(h, DATED[best], int(self.onsets[_likeliest(gains[best])]), gains)], known)
+        if steady:
+            return anew
         courses = [self._coming_and_going(found, known)]
         ends = [k for k in known if k.hypothesis.ends == h.fault]
         if ends:  # which may be a part of its course

@@ -139,10 +139,10 @@ def test_of_faults_in_balances_apart_the_surest_leads() -> None:
 def test_a_large_change_leads_what_its_law_leaves() -> None:
     """Whatever their scores: that of what was there from the first row is bounded by how logs differ."""
     leak, drift = drawn(1, [(LEAK, 0.7, 25), (DRIFT, 0.7, 50)]).fits([LEAK, DRIFT], [])
-    large, left = replace(leak, gain=4900.0, score=14.0), replace(drift, gain=120.0, score=21.0)
+    large, left = replace(leak, gain=4900.0), replace(drift, gain=120.0)
     for chi_square, first in ((3.0, large), (2000.0, left)):
         large.reduced_chi_square, left.reduced_chi_square = chi_square, 1.0
-        assert leading([large, left]) is first
+        assert leading([large, left], [14.0, 21.0]) is first
 
 
 def test_two_signatures_of_one_fault_count_as_one_of_three() -> None:
