@@ -75,7 +75,8 @@ class Amplitude(Fit):
         """Frames up to which shares of the posterior of the onset lie, whatever the shape, of which the first
         is the step."""
         if self.begun is not None:
-            return [int(np.searchsorted(self.begun, share)) for share in shares]
+            within = np.searchsorted(self.begun, shares).clip(max=self.begun.size - 1)
+            return [int(k) for k in within]
         scatter = max(self.overdispersion, self.reduced_chi_square) + TIMING_DOUBT**2 * self.gain
         weight = np.exp((self.onset_gains - self.onset_gains.max()) / scatter)
         weight[0] *= AT_ONCE * (len(weight) - 1)
@@ -204,7 +205,10 @@ class Evidence:
     ) -> Amplitude | None:
         """A step fitted as a fault that comes and goes, by expectation maximisation; None where that explains
         no more beyond it, and what else is `explained` of its course, than its law's error could."""
-        if step.shape != STEP or abs(step.active_amplitude) <= abs(step.size):
+        # A steady one leaves too little that breaks could explain.
+        left = 0.5 * step.reduced_chi_square * self.frames / self.stretches.frames
+        steady = abs(step.active_amplitude) <= abs(step.size) or left < LAW_DOUBT * step.gain
+        if step.shape != STEP or steady:
             return None
         now, columns = step, {n: g for n, g in step.hypothesis.columns.items() if n in self.balances}
         for _ in range(ROUNDS):

@@ -1,5 +1,6 @@
 """The hidden Markov chain of a fault that comes and goes, beside the sum over all paths."""
 
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -42,6 +43,8 @@ def test_a_leak_that_comes_and_goes_is_dated_and_sized_by_when_it_acts(seed: int
     assert np.mean((acts > 0.5) == true) > 0.95
     earliest, latest = found.lead.onset_quantiles(0.1, 0.9)
     assert earliest <= 25 and latest >= 23 and latest - earliest < 8
+    doubted = replace(found.lead, begun=np.linspace(0.0, 0.6, 80))
+    assert doubted.onset_quantiles(0.5, 0.9) == [66, 79], "no later than the last frame"
 
 
 def test_a_steady_leak_does_not_come_and_go() -> None:
