@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.courses import coming_and_going
 from fdd.diagnosis.departures import VAGUE, BalancePosterior, as_normal, by_duty, freedom
 from fdd.diagnosis.fitting import (
     GREATEST,
@@ -29,7 +28,16 @@ from fdd.diagnosis.fitting import (
     fit,
     known_scatter,
 )
-from fdd.diagnosis.hypotheses import DATED, SHAPES, STEP, Hypothesis, Shape, SuffixSums, time_profile_of
+from fdd.diagnosis.hypotheses import (
+    DATED,
+    SHAPES,
+    STEP,
+    Hypothesis,
+    Shape,
+    SuffixSums,
+    coming_and_going,
+    time_profile_of,
+)
 from fdd.residuals.effects import Effects, duty_profiles
 
 Array = NDArray[np.float64]
@@ -219,7 +227,7 @@ class Evidence:
             a = now.active_amplitude
             score += information * now.size * now.time_profile
             noise = max(now.overdispersion, 1.0) + information * np.square(LAW_DOUBT * a)
-            begun, acting = coming_and_going((a * (score - 0.5 * a * information) / noise).tolist())
+            begun, acting = coming_and_going(a * (score - 0.5 * a * information) / noise)
             if begun[-1] < 0.5:
                 return None
             onset = int(np.searchsorted(begun, 0.5))

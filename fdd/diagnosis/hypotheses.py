@@ -37,6 +37,13 @@ SHAPES = (STEP, RAMP, DRIFT)
 """Of faults that are sought. More lengths of ramps find no more of them, and chance finds more."""
 DATED = (STEP, *(Shape("ramp", frames) for frames in (2, 4, 8, 16, 24, 40, 60, 90)))
 """Shapes that a fault's onset is told by once it is found: ramps of 1 to 45 s."""
+AT_START = 0.1
+"""Prior probability that what comes and goes acts in the first frame, as in the recipes; assumed. Else it
+begins in any."""
+SWITCHES = 0.05
+"""Probability that it goes, or comes back, from one frame to the next: ten seconds on average; assumed."""
+MOST_ODDS = 50.0
+"""Of the logarithm, beyond which a frame leaves no doubt."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +143,33 @@ def time_profile_of(shape: Shape, frames: int, onset: int) -> Array:
     if shape.kind == "step":
         return (since >= 0).astype(np.float64)
     return np.clip((since + 0.5) / shape.frames, 0.0, 1.0 if shape.kind == "ramp" else None)
+
+
+def coming_and_going(log_odds: Array) -> tuple[Array, Array]:
+    """Posterior probabilities (h,) that a fault has begun by each frame, and that it acts in it.
+
+    By a hidden Markov chain of the states not yet, acting and away; forward and backward recursions as in
+    Rabiner 1989 (doi 10.1109/5.18626).
+
+    Parameters
+    ----------
+    log_odds : (h,), log likelihood ratio of each frame's rows, the fault acting against not.
+    """
+    odds = np.exp(np.clip(log_odds, -MOST_ODDS, MOST_ODDS))
+    likelihood = np.column_stack([np.ones_like(odds), odds, np.ones_like(odds)])
+    begins, stays = 1.0 / odds.size, 1.0 - SWITCHES
+    step = np.array([[1.0 - begins, begins, 0.0], [0.0, stays, SWITCHES], [0.0, SWITCHES, stays]])
+    forward, backward = np.ones((2, odds.size, 3))
+    forward[0] = likelihood[0] * (1.0 - AT_START, AT_START, 0.0)
+    for k in range(1, odds.size):
+        state = forward[k - 1] @ step * likelihood[k]
+        forward[k] = state / state.sum()
+    for k in range(odds.size - 2, -1, -1):
+        state = step @ (likelihood[k + 1] * backward[k + 1])
+        backward[k] = state / state.sum()
+    both = forward * backward
+    both /= both.sum(axis=1, keepdims=True)
+    return 1.0 - both[:, 0], both[:, 1]
 
 
 class SuffixSums:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from made_up_evidence import LEAK, drawn
 
-from fdd.diagnosis.courses import AT_START, SWITCHES, coming_and_going
 from fdd.diagnosis.decision import decide
+from fdd.diagnosis.hypotheses import AT_START, SWITCHES, coming_and_going
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -23,12 +23,12 @@ def test_begun_and_acting_are_those_of_all_paths(seed: int) -> None:
         weight = first[path[0]] * np.prod([step[a][b] for a, b in pairwise(path)])
         weight *= np.exp(log_odds[states == 1].sum())
         total, begun, acting = total + weight, begun + weight * (states > 0), acting + weight * (states == 1)
-    found = coming_and_going(log_odds.tolist())
+    found = coming_and_going(log_odds)
     np.testing.assert_allclose(found, [begun / total, acting / total], rtol=1e-9, atol=1e-12)
 
 
 def test_any_size_of_odds_leaves_numbers() -> None:
-    begun, acting = coming_and_going([-1e6] * 50 + [1e6] * 50)
+    begun, acting = coming_and_going(np.repeat([-1e6, 1e6], 50))
     assert begun[:50].max() < 1e-6 and acting[50:].min() > 0.999
 
 
