@@ -96,6 +96,9 @@ def decide(
             for f in once:
                 others = [g.lead for g in found if g is not f]
                 f.lead = evidence.dated(f.lead, others, steady=not f.known)
+            # What the breaks in a fault's course explain is no other fault.
+            breaks = any(f.lead.begun is not None for f in once)
+            once = [f for f in once if not breaks or _needed(f.lead, threshold)]
             # A fault is not in doubt for its own end, which may be the surer finding.
             begun = [f for f in once if f.lead.hypothesis.ends is None]
             first = leading([f.lead for f in begun], [f.score for f in begun]) if begun else None
@@ -131,8 +134,7 @@ def beside_the_newest(
     for f in found[:-1]:
         others = [g.lead for g in kept if g is not f]
         lead = evidence.refitted(f.lead, others)
-        needless = lead.score - SECOND_FAULT < 0.5 * threshold
-        if needless or lead.gain <= 0.0 or _comes_along(lead, others):
+        if not _needed(lead, threshold) or lead.gain <= 0.0 or _comes_along(lead, others):
             kept = [g for g in kept if g is not f]
             continue
         alike = zip(hypotheses, evidence.correlations(lead, hypotheses) > SAME_EFFECT, strict=True)
@@ -141,6 +143,13 @@ def beside_the_newest(
         anew = _isolated(evidence, lead, fits, f.score)
         f.lead, f.shares = anew.lead, anew.shares
     return kept
+
+
+def _needed(lead: Amplitude, threshold: float) -> bool:
+    """Whether half of the score asked for is left to a finding beside the others; ends, and what comes and
+    goes, are."""
+    kept = lead.begun is not None or lead.hypothesis.ends is not None
+    return kept or lead.score - SECOND_FAULT >= 0.5 * threshold
 
 
 def _each_once(found: list[Found]) -> list[Found]:
