@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fdd.service.queues import Event
@@ -200,6 +201,31 @@ def test_each_page_says_what_is_so_and_in_whose_time(browser, server, world):
     assert "2023-11-15 07:23:20" in said and "Silent" in said and "\nnow" not in said
     browser.open(f"{server.address}#/axis/F3%2Frudder")
     browser.wait(f"{text('#main')}.includes('after five seconds of data')")
+
+
+def test_each_chart_has_a_scale_of_figures_that_differ(browser, server):
+    rng = np.random.default_rng(3)
+    middles, spans = (
+        10.0 ** rng.uniform(-3, 6, 200) * rng.choice([-1, 1], 200),
+        10.0 ** rng.uniform(-4, 6, 200),
+    )
+    ranges = np.stack([middles, middles + spans], axis=1).tolist() + [
+        [0.0, 0.0],
+        [-300.0, 300.0],
+        [99.9, 100.1],
+    ]
+    browser.open(server.address)
+    browser.wait("document.querySelector('.fleet tbody tr')")
+    scales = browser.run(f"""(async () => {{
+        const {{ chart }} = await import("/page/charts.js");
+        const nodes = {ranges}.map((values) => chart(
+            {{ title: "x", time: [0, 1], stamp: () => "", rows: [{{ label: "x", values }}] }}));
+        document.querySelector("main").replaceChildren(...nodes);
+        await new Promise((drawn) => setTimeout(drawn, 500));
+        return nodes.map((n) => [...n.querySelectorAll("svg text")].map((e) => e.textContent).filter(Boolean));
+    }})()""")
+    for values, scale in zip(ranges, scales, strict=True):
+        assert 2 <= len(scale) == len({*scale}) <= 6, (values, scale)
 
 
 def test_everything_fits_the_window_and_is_reached_by_tab_in_sight(browser, server):

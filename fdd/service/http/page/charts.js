@@ -4,12 +4,13 @@ import { h, s, figure } from "./dom.js";
 
 const LEFT = 52, RIGHT = 10, TOP = 8, BOTTOM = 20;
 
-function ticks(low, high, about) {
-  const raw = (high - low) / about, power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((m) => m * power).find((x) => x >= raw);
-  const out = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) out.push(k * step);
-  return out;
+// Lines at multiples of the widest step (of 1, 2 or 5) that gives at least so many of them.
+function ticks(low, high, least) {
+  const power = 10 ** Math.floor(Math.log10(high - low));
+  const ends = (step) => [Math.ceil(low / step - 1e-9), Math.floor(high / step + 1e-9)];
+  const step = [5, 2, 1, 0.5, 0.2, 0.1].map((m) => m * power).find((x) => ends(x)[1] - ends(x)[0] + 1 >= least);
+  const [first, last] = ends(step);
+  return Array.from({ length: last - first + 1 }, (_, k) => (first + k) * step);
 }
 
 // A path that breaks where a value is missing; a value alone is a ring.
@@ -88,15 +89,15 @@ export function chart({ title, unit = "", time, rows, scale = 1, mark, at = [], 
     if (!all.length || width < 60) { holder.replaceChildren(h("p", { class: "soft" }, empty)); return; }
     let low = Math.min(...bounds(all), level ?? Infinity), high = Math.max(...bounds(all), level ?? -Infinity);
     if (floor !== undefined) { low = 0; high = Math.max(high, floor); }
-    const pad = Math.max((high - low) * 0.06, Math.abs(high) * 0.01) || 0.06; // ticks of three digits stay apart
+    const pad = Math.max((high - low) * 0.06, Math.abs(high) * 0.01) || 0.06; // lines that three digits tell apart
     high += pad; if (floor === undefined) low -= pad;
     const begin = time[0], end = time[time.length - 1];
     const x = (t) => LEFT + ((t - begin) / (end - begin || 1)) * (width - LEFT - RIGHT);
     const y = (v) => height - BOTTOM - ((v - low) / (high - low)) * (height - TOP - BOTTOM);
     const cursor = s("line", { class: "cursor", y1: TOP, y2: height - BOTTOM, visibility: "hidden" });
-    const stamps = fitting(at.length ? at : ticks(begin, end, 8), x, 70);
+    const stamps = fitting(at.length ? at : ticks(begin, end, 4), x, 70);
     const picture = s("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${title}: ${figure(last)} ${unit} ${stamp(end)}` },
-      ticks(low, high, 3).map((v) => [
+      ticks(low, high, 2).map((v) => [
         s("line", { class: "grid", x1: LEFT, x2: width - RIGHT, y1: y(v), y2: y(v) }),
         s("text", { x: LEFT - 6, y: y(v) + 4, "text-anchor": "end" }, figure(v)),
       ]).flat(),
