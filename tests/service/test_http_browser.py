@@ -205,15 +205,9 @@ def test_each_page_says_what_is_so_and_in_whose_time(browser, server, world):
 
 def test_each_chart_has_a_scale_of_figures_that_differ(browser, server):
     rng = np.random.default_rng(3)
-    middles, spans = (
-        10.0 ** rng.uniform(-3, 6, 200) * rng.choice([-1, 1], 200),
-        10.0 ** rng.uniform(-4, 6, 200),
-    )
-    ranges = np.stack([middles, middles + spans], axis=1).tolist() + [
-        [0.0, 0.0],
-        [-300.0, 300.0],
-        [99.9, 100.1],
-    ]
+    least = 10.0 ** rng.uniform(-3, 6, 200) * rng.choice([-1, 1], 200)
+    drawn = np.stack([least, least + 10.0 ** rng.uniform(-4, 6, 200)], axis=1)
+    ranges = [*drawn.tolist(), [0.0, 0.0], [-300.0, 300.0], [99.9, 100.1]]
     browser.open(server.address)
     browser.wait("document.querySelector('.fleet tbody tr')")
     scales = browser.run(f"""(async () => {{
