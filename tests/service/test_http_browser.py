@@ -216,7 +216,8 @@ def test_each_chart_has_a_scale_of_figures_that_differ(browser, server):
             {{ title: "x", time: [0, 1], stamp: () => "", rows: [{{ label: "x", values }}] }}));
         document.querySelector("main").replaceChildren(...nodes);
         await new Promise((drawn) => setTimeout(drawn, 500));
-        return nodes.map((n) => [...n.querySelectorAll("svg text")].map((e) => e.textContent).filter(Boolean));
+        const labels = (node) => [...node.querySelectorAll("svg text")].map((e) => e.textContent);
+        return nodes.map((node) => labels(node).filter(Boolean));
     }})()""")
     for values, scale in zip(ranges, scales, strict=True):
         assert 2 <= len(scale) == len({*scale}) <= 6, (values, scale)
