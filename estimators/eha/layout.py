@@ -97,6 +97,12 @@ class Noise:
     """Likewise; a valve stuck open passes 15."""
     jump_air: float = 1e-2
     """Severity 1 is 2.5 %."""
+    compression: float = 0.0
+    """Relative: how well the oil's compliance is known beside its air, which hardly shows at high pressure.
+    The flow that compresses it is known no better, for `COMPRESSED` each time."""
+    smoothing: float = 0.0
+    """s over which the piston's velocity is averaged where the flow is linearised; an encoder of micrometres
+    needs none. See `estimators.eha.tracker.track`."""
     refeed_margin: float = 3e4
     """Pa above the accumulator below which a chamber may be fed: cracking pressure and sensor zeros."""
     relief_pressure: float = 3.1e6
@@ -138,6 +144,9 @@ class Memory(Protocol):
     started: float
     nis: float
     outside: float
+    # Where the flow is linearised, mm/ms, and the reduced chi-square of the innovations over some seconds.
+    velocity_mean: float
+    misfit: float
     # Sums of the force balance, and how restless the load is: `estimators.eha.walk`.
     force: float
     velocity: float

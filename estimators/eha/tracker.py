@@ -21,6 +21,8 @@ Method = Literal["ekf", "svsf"]
 # Rows of the measurement vector.
 Z_X, Z_TH, Z_P1, Z_P2, Z_DP, Z_MEAN = range(6)
 MEASUREMENTS = 6
+MISFIT_PERIOD = 5e3  # ms over which innovations are compared with their variances
+COMPRESSED = 100.0  # ms: a change of pressure by a start, stop or reversal
 LONGEST_GAP = 50  # periods that are bridged step by step; a longer gap restarts the motion states
 
 
@@ -120,9 +122,10 @@ def measurement(x: Array, z: Array, y: Array) -> None:
 
 @njit(error_model="numpy", _nrt=False)
 def motion_noise(
-    x: Array, h: float, p_acc: float, known_acc: bool, q: eha.Parameters, c: Noise, out: Array
-) -> None:
-    """Variances of velocity, speed and both chamber volumes over `h` ms."""
+    x: Array, h: float, p_acc: float, known_acc: bool, v: float, w: float, q: eha.Parameters, c: Noise,
+    out: Array,
+) -> None:  # fmt: skip
+    """Variances of velocity, speed and both chamber volumes over `h` ms, at the mean velocity and speed."""
     mu = 1e-3 / q.moving_mass
     out[0] = (mu * c.force) ** 2 * 1e3 * h
     out[1] = (c.acceleration * 1e-3) ** 2 * 1e-3 * h
@@ -131,8 +134,10 @@ def motion_noise(
     fed2 = x[eha.P2] < p_acc + margin if known_acc else x[eha.P2] < x[eha.P1]
     relieved = abs(x[eha.P1] - x[eha.P2]) > c.relief_pressure * 1e-6
     small, large = (c.flow * 1e9) ** 2 * 1e-3 * h, (c.flow_refeeding * 1e9) ** 2 * 1e-3 * h
-    out[2] = large if relieved or fed1 else small
-    out[3] = large if relieved or fed2 else small
+    compressing = c.compression * c.compression * COMPRESSED * h
+    swept = q.displacement * w
+    out[2] = (large if relieved or fed1 else small) + compressing * (swept - q.area_1 * v) ** 2
+    out[3] = (large if relieved or fed2 else small) + compressing * (swept - q.area_2 * v) ** 2
 
 
 @njit()
@@ -159,8 +164,16 @@ def track(
     decimation: int, q: eha.Parameters, c: Noise, rates: Array, x: Array, P: Array, memory: Memory,
     e_post: Array, gamma: float, layer: float, records: Records,
 ) -> int:  # fmt: skip
-    """Run the filter over the rows of `block`; returns the number of records written."""
+    """Run the filter over the rows of `block`; returns the number of records written.
+
+    A velocity from two samples of a noisy position goes into the flow's derivative to air and pump gain, and
+    into the pressure's innovation: their product has a mean, and air drifts by it (errors in variables). The
+    mean velocity over `Noise.smoothing` hardly shares the present sample's noise, as an instrumental variable
+    does not (Söderström and Stoica 1983, isbn 978-0-387-12814-6). Where innovations are larger than their
+    variances say, the variances of the flow parameters are given larger by as much.
+    """
     h0 = period * 1e3
+    smoothing = max(1e3 * c.smoothing, h0)
     F, G = np.zeros((eha.STATES, eha.STATES)), np.zeros((eha.STATES, 4))
     scratch, work = np.empty((update.MOVING, eha.STATES)), np.empty((2, eha.STATES))
     layer_work, noise = np.empty((2 * MEASUREMENTS, MEASUREMENTS)), np.empty(4)
@@ -230,9 +243,10 @@ def track(
             memory.blind = 0.0
             if memory.started == 0.0:
                 _start_motion(x, P, z, p_acc, c)
-                memory.started = 1.0
+                memory.started, memory.velocity_mean = 1.0, 0.0
             elif steps > LONGEST_GAP:
                 _start_motion(x, P, z, p_acc, c)
+                memory.velocity_mean = 0.0
                 walk.walk_parameters(x, P, steps * h0, memory.unrest, c, rates, walks)
                 for i in range(eha.STATES):
                     P[i, i] += walks[i]
@@ -241,20 +255,24 @@ def track(
                 spread = (P[eha.V, eha.V] + (1e-3 / q.moving_mass * c.force) ** 2 * 1e3 * h0) * span * span
                 trust = spread / (spread + P[eha.X, eha.X] + r0[Z_X])
                 v_at = x[eha.V] + trust * ((z[Z_X] - x[eha.X]) / span - x[eha.V])
+                memory.velocity_mean += min(span / smoothing, 1.0) * (v_at - memory.velocity_mean)
+                v_at = memory.velocity_mean
                 w_at = (z[Z_TH] - x[eha.TH]) / span
                 for k in range(steps):
                     if k > 0:
                         friction = eha.friction_curve(x[eha.V], q)
-                    motion_noise(x, h0, p_acc, known_acc, q, c, noise)
+                    motion_noise(x, h0, p_acc, known_acc, v_at, w_at, q, c, noise)
                     walk.walk_parameters(x, P, h0, memory.unrest, c, rates, walks)
                     eha.advance(x, h0, viscosity, p_acc, v_at, w_at, q, friction, update.COUPLED, x_new, F, G)
                     for i in range(update.MOVING):
                         x[i] = x_new[i]
                     update.propagate(P, F, G, noise, walks, scratch)
         measurement(x, z, y)
+        used = 0
         plus[Z_MEAN] = eha.P1 if x[eha.P1] <= x[eha.P2] else eha.P2
         for i in range(MEASUREMENTS):
             mask[i] = not blind and not np.isnan(y[i])
+            used += mask[i]
             r[i] = r0[i]
             if mask[i] and not svsf:
                 variance = r[i] + update.channel_variance(P, plus[i], minus[i])
@@ -292,6 +310,8 @@ def track(
             update.compare_sensors(x, P, gap, r0[Z_DP] + 2.0 * r0[Z_P1], memory)
             walk.balance_forces(x, P, max(steps, 1) * h0, friction[0], q, c, memory)
         walk.keep_in_bounds(x, P)
+        if used > 0:
+            memory.misfit += min(max(steps, 1) * h0 / MISFIT_PERIOD, 1.0) * (nis / used - memory.misfit)
         memory.nis += nis
         memory.outside += 1.0 if switched else 0.0
         memory.count += 1.0
@@ -301,6 +321,8 @@ def track(
             for i in range(eha.STATES):
                 rec.state[i] = x[i]
                 rec.variance[i] = P[i, i]
+            for i in range(eha.LEAK, eha.FRIC):
+                rec.variance[i] *= max(memory.misfit, 1.0)
             # Against a restless load the friction curve's misfit repeats itself: count it once.
             for i in (eha.FRIC, eha.VISC, eha.SKEW):
                 rec.variance[i] *= max(memory.unrest, 1.0) ** 2

@@ -40,6 +40,19 @@ COLUMNS = {
     layout.DIFFERENCE: "pressure_difference", layout.ACCUMULATOR: "pressure_accumulator",
 }  # fmt: skip
 """The filters' columns and the channels that they are, but for their sensors' zeros and gains."""
+RATED_FORCE, RATED_SPEED, STROKE = 5.23e3, 0.115, 0.30
+"""N, m/s, m: of the thesis's axes (sections 4.4 and 4.5), by which `Noise` argues its defaults of loads."""
+LOAD_NOISE = {
+    "force": (1, 0, 0), "force_mean": (1, 0, 0), "load": (1, 0, 0), "inertia": (1, 0, 0),
+    "stiffness": (1, 0, -1), "throttle": (1, -2, 0), "viscous_friction": (1, -1, 0),
+    "viscous_skew": (1, -1, 0),
+}  # fmt: skip
+"""Noise of force and load, and the powers of rated force, rated speed and stroke that it goes by."""
+COMPLIANCE_ERROR = 0.1
+"""Relative standard deviation of the oil's compliance, of a unit that was identified but for it: an
+assumption. What a profile without identified numbers says is taken as it is."""
+VELOCITY_ERROR = 0.01
+"""Of the rated speed, that a mean velocity may err by where the flow is linearised."""
 THERMAL_GAIN = 5e-4
 """Relative change of displacement over area within 30 K: metals grow by 1 to 2.5e-5 per kelvin."""
 
@@ -64,13 +77,24 @@ def model_parameters(unit: Unit) -> eha.Parameters:
 
 
 def noise_of(unit: Unit) -> Noise:
-    """Measurement noise from the profile's sensors; process noise as its defaults argue.
+    """Measurement noise from the profile's sensors; process noise as its defaults argue, of forces and loads
+    by this machine's rated ones.
 
     What the profile's `estimation` gives goes before both.
     """
-    noise = Noise()
+    noise, cylinder = Noise(), unit.cylinder
+    area = 0.5 * (cylinder.area_1 + cylinder.area_2)
+    speed = unit.pump.displacement * unit.drive.max_speed / area
+    force = area * unit.accumulator.relief_pressure
+    over = force / RATED_FORCE, speed / RATED_SPEED, cylinder.stroke / STROKE
+    for name, powers in LOAD_NOISE.items():
+        for field in (name, f"initial_{name}"):
+            if hasattr(noise, field):
+                setattr(noise, field, getattr(noise, field) * float(np.prod(np.power(over, powers))))
     position = unit.sensor("position")
     noise.position = max(noise.position, float(np.hypot(position.noise, position.resolution / np.sqrt(12.0))))
+    # Over so long the difference of two positions tells the velocity well enough.
+    noise.smoothing = float(np.sqrt(2.0)) * noise.position / (VELOCITY_ERROR * speed)
     angle = unit.sensor("pump_angle")
     noise.angle = max(noise.angle, float(np.hypot(angle.noise, angle.resolution / np.sqrt(12.0))))
     chambers = [unit.sensor(c).noise for c in ("pressure_1", "pressure_2") if c in unit.sensors]
@@ -78,6 +102,11 @@ def noise_of(unit: Unit) -> Noise:
     difference = unit.sensor("pressure_difference")
     noise.pressure_difference = difference.noise or noise.pressure_difference
     noise.initial_gain = gain_spread(unit)
+    modulus_std = unit.oil.std_of("bulk_modulus")
+    if modulus_std is not None:
+        noise.compression = modulus_std / unit.oil.bulk_modulus
+    elif unit.pump.std_of("displacement") is not None:
+        noise.compression = COMPLIANCE_ERROR
     noise.relief_pressure = RELIEF_SHUT * unit.accumulator.relief_pressure
     if unit.estimation is not None:
         for name, value in unit.estimation.known.items():

@@ -5,6 +5,7 @@ tracker's documentation; of the tracker's code only the model's step is used, wh
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from estimators.eha.walk import walk_parameters, walk_rates
 from estimators.ekf import ExtendedKalmanFilter
 from fdd import Unit, simulate
 from fdd.plant.scenario import Recording, Scenario
-from fdd.residuals.tracking import Channels, Tracking
+from fdd.residuals.tracking import Channels, Tracking, healthy_viscous, noise_of
 
 N = eha.STATES
 VALVES = [eha.VALVE1, eha.VALVE2]
@@ -51,6 +52,7 @@ class Textbook:
         self.gained: list[np.ndarray] = []
         self.long_from, self.windows, self.streak = 0, 0, 0
         self.jumps = self.bounded = 0
+        self.velocity_mean = 0.0
 
     def walks(self, x: np.ndarray, P: np.ndarray) -> np.ndarray:
         """Variances that a millisecond adds to each parameter."""
@@ -84,7 +86,8 @@ class Textbook:
         spread = P[eha.V, eha.V] + velocity
         trust = spread / (spread + P[eha.X, eha.X] + self.r0[0])
         v_at = x[eha.V] + trust * (z[0] - x[eha.X] - x[eha.V])
-        w_at = z[1] - x[eha.TH]
+        self.velocity_mean += 1e-3 / noise.smoothing * (v_at - self.velocity_mean)
+        v_at, w_at = self.velocity_mean, z[1] - x[eha.TH]
         relieved = abs(x[eha.P1] - x[eha.P2]) > noise.relief_pressure * 1e-6
         refed = relieved | (x[[eha.P1, eha.P2]] < p_acc + noise.refeed_margin * 1e-6)
         flows = np.where(refed, noise.flow_refeeding, noise.flow)
@@ -92,7 +95,11 @@ class Textbook:
         out, F, G = np.empty(N), np.empty((N, N)), np.empty((N, 4))
         eha.step(self.kf.x.copy(), 1.0, viscosity, p_acc, v_at, w_at, self.q, out, F, G)
         F[: eha.LEAK, eha.FRIC :] = 0.0  # friction and load learn from the mean force alone
-        variances = [velocity, (noise.acceleration * 1e-3) ** 2 * 1e-3, *(flows * 1e9) ** 2 * 1e-3]
+        areas = np.array([self.q.area_1, self.q.area_2])
+        compression = 100.0 * (noise.compression * (self.q.displacement * w_at - areas * v_at)) ** 2
+        variances = [
+            velocity, (noise.acceleration * 1e-3) ** 2 * 1e-3, *(flows * 1e9) ** 2 * 1e-3 + compression
+        ]  # fmt: skip
         self.kf.f, self.kf.F_jacobian = (lambda *_: out), (lambda *_: F)
         self.kf.predict(dt=1.0, Q=G @ np.diag(variances) @ G.T + np.diag(added))
 
@@ -174,7 +181,10 @@ def compare(seconds: float, begin: Callable[[EhaTracker], None]) -> tuple[Textbo
     run = simulate(unit, scenario)
     tracking = Tracking(unit, Channels.of(run.samples), 1e-3)
     block = tracking.block(run.samples)
-    compiled = tracking.trackers["ekf"]
+    compiled = EhaTracker(
+        tracking.model, replace(noise_of(unit), compression=0.05, smoothing=3e-3),
+        viscous_friction=healthy_viscous(unit), air_fraction=unit.oil.air_fraction,
+    )  # fmt: skip
     compiled.model.sliding_velocity = 1e3  # so that the mean force says nothing: that is no part of this
     begin(compiled)
     compiled.push(block[:1])

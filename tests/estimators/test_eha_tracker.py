@@ -83,6 +83,22 @@ def test_a_leak_is_followed_to_within_its_standard_deviation(method: str) -> Non
         assert np.quantile(error[visible], 0.95) < {"leakage": 0.08, "bulk_modulus": 0.05}[name], name
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("load", ["spring", "none"])
+def test_noise_of_an_lvdt_is_no_air(load: str, method: str) -> None:
+    """40 µm instead of an encoder's one: a velocity from two samples is then mostly noise."""
+    lvdt = unit().model_copy(deep=True)
+    lvdt.sensors["position"] = unit().sensor("position").model_copy(update={"noise": 4e-5})
+    run = simulate(lvdt, Scenario(duration=30.0, duty={"name": "sines"}, load={"name": load}, seed=3))
+    both = Tracked(lvdt, keep=True)
+    both.push(run.samples)
+    records = both.records()[method]
+    late = records["time"] > 15.0
+    values, _ = estimates(records[late], lvdt, both.model)
+    for name, bound in (("leakage", 0.05), ("bulk_modulus", 0.10)):
+        assert np.abs(np.median(values[name]) / np.median(run.truth[name]) - 1.0) < bound, name
+
+
 @pytest.mark.parametrize("method", ["ekf", "svsf"])
 def test_late_stamps_dropped_rows_and_holes_do_little(method: str) -> None:
     run = axis("worn", leaks=True)
