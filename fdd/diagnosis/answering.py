@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import fdd
 from fdd.diagnosis.decision import USUAL_SIZE, Found
@@ -19,6 +18,7 @@ from fdd.diagnosis.model import Model
 from fdd.faults import ADDED_BY, CATALOGUE, FAMILIES, fault
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S
+from fdd.residuals.compiled import Array
 from fdd.sensors.finding import SensorFinding
 
 Z80 = 1.2816
@@ -145,8 +145,8 @@ def probabilities_of(
 
 
 def probabilities_over(
-    time: NDArray[np.float64], statistic: NDArray[np.float64], answer: Diagnosis, model: Model, hidden: float
-) -> dict[str, NDArray[np.float64]]:
+    time: Array, statistic: Array, answer: Diagnosis, model: Model, hidden: float
+) -> dict[str, Array]:
     """Probability over time (m,) that a fault of each family is there, or none.
 
     From its detection on a fault counts as the answer says; before, what the statistic (m,) says is shared as

@@ -13,18 +13,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S, BinMaker
+from fdd.residuals.compiled import Array
 from fdd.residuals.effects import Effects, LogConditions, Spreads, first_effects, usual_conditions, with_logs
 from fdd.residuals.normal_equations import marginalised
 from fdd.samples import Samples
 from fdd.unit import BalanceBaseline, Baseline, Unit
 
-Array = NDArray[np.float64]
 Sums = tuple[Array, Array, Array, Array]
 """Of a log: what `BalanceHistory.sums` gives of a balance."""
 

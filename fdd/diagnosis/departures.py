@@ -17,17 +17,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.diagnosis.hypotheses import SuffixSums
 from fdd.residuals.bins import FRAME_S
+from fdd.residuals.compiled import Array, Indices
 from fdd.residuals.effects import Effects
 
 if TYPE_CHECKING:
     from fdd.diagnosis.fitting import Parts
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 WITHIN_FRAMES = 300.0
 """Frames (150 s) in which the random walk of a healthy unit's coefficients has the standard deviation
@@ -143,7 +141,7 @@ class BalancePosterior:
         return (changes @ self.information.reshape(-1, n).T).reshape(*changes.shape[:-1], -1, n)
 
 
-def _of_triangle(size: int, at: NDArray[np.int64]) -> tuple[tuple[Indices, Indices], Indices]:
+def _of_triangle(size: int, at: Indices) -> tuple[tuple[Indices, Indices], Indices]:
     """Rows and columns of a symmetric matrix's upper triangle, and the places (k, k) in it of the entries
     between rows `at` (k,)."""
     upper = np.triu_indices(size)

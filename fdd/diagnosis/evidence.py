@@ -16,7 +16,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.diagnosis.departures import VAGUE, BalancePosterior, as_normal, by_duty, freedom
 from fdd.diagnosis.fitting import (
@@ -38,10 +37,9 @@ from fdd.diagnosis.hypotheses import (
     coming_and_going,
     time_profile_of,
 )
+from fdd.residuals.compiled import Array
 from fdd.residuals.effects import Effects, duty_profiles
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Known = tuple[tuple[int, Shape, int, float], ...]
 
 FREE_SPREAD = 10.0

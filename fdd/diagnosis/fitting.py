@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.diagnosis.departures import (
     BalancePosterior,
@@ -27,10 +26,7 @@ from fdd.diagnosis.departures import (
     log_normal,
 )
 from fdd.residuals.bins import BLOCK_FRAMES
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
+from fdd.residuals.compiled import Array, Flags, Indices
 
 PRIOR_FREEDOM = 2.0
 """Prior degrees of freedom: stretches of 2 s that the baseline's overdispersion counts for, since it varies

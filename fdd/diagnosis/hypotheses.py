@@ -6,17 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.faults import CATALOGUE, unusable
 from fdd.residuals.balances import BALANCES
-from fdd.residuals.compiled import sum_from_here
+from fdd.residuals.compiled import Array, Indices, sum_from_here
 from fdd.residuals.effects import Effects
 from fdd.residuals.quantities import Scales
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 RECOVERED = "recovered"
 """Stands in a fault's place where the end of one is meant."""

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fdd.bounds import MAX_MODEL_BYTES
@@ -22,9 +21,8 @@ from fdd.diagnosis.findings import is_none
 from fdd.errors import InputError, input_error
 from fdd.faults import ADDED_BY, fault
 from fdd.files import write_text
+from fdd.residuals.compiled import Array
 from fdd.residuals.effects import Spreads
-
-Array = NDArray[np.float64]
 
 SHIPPED = "model.json"
 HELD_IN_DOUBT = 0.5

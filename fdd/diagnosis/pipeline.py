@@ -8,7 +8,6 @@ from copy import deepcopy
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.diagnosis.answering import (
     Span,
@@ -31,6 +30,7 @@ from fdd.errors import InputError
 from fdd.residuals.added_tracker import AddedTracker
 from fdd.residuals.balance_history import BalanceHistory
 from fdd.residuals.bins import FRAME_BINS, FRAME_S, BinMaker
+from fdd.residuals.compiled import Array
 from fdd.residuals.tracked import Tracked
 from fdd.residuals.tracking import OBSERVABLE, estimates
 from fdd.restorable import Restorable, packed, unpacked
@@ -38,8 +38,6 @@ from fdd.samples import Samples
 from fdd.sensors import SensorWatch
 from fdd.sensors.finding import FAILING
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 SCAN_FRAMES, VERDICT_FRAMES = 10, 16
 """Frames between two evaluations of the evidence (5 s), and the fewest that allow a verdict (8 s)."""

@@ -14,15 +14,13 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.errors import InputError
 from fdd.packages import TRACKERS, Addition, additions
 from fdd.residuals.bins import BIN_S, COLUMNS, FAST, FRAME_BINS
+from fdd.residuals.compiled import Array
 from fdd.residuals.tracking import METHODS, OBSERVABLE
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 TAKEN = {name: COLUMNS[name] for name in FAST} | {"oil_temperature": COLUMNS["temperature"]}
 """Channel that a tracker may ask for, to its column of the bins."""

@@ -7,18 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import COLUMNS, FRAME_BINS, FRAME_S, STOP_S, TAIL_BINS
+from fdd.residuals.compiled import Array, Indices
 from fdd.residuals.effects import Effects, LogConditions, viscous_change, with_logs
 from fdd.residuals.epochs import Epochs
 from fdd.residuals.normal_equations import RECENT_FRAMES, NormalEquations, RegressionAccumulator, marginalised
 from fdd.residuals.quantities import Quantities, Scales, settled
 from fdd.restorable import Restorable
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 HISTORY = 7200
 """Frames whose misfit is remembered: an hour."""
@@ -246,7 +244,7 @@ class BalanceHistory(Restorable):
         if self.unit.baseline is not None:
             self.reference, self.folded = self.effects, 0
 
-    def _learn(self, places: NDArray[np.int64]) -> None:
+    def _learn(self, places: Indices) -> None:
         """Update the reference by frames (Bayesian update of mean and covariance)."""
         reference = {}
         for name, e in self.held_against().items():
@@ -258,7 +256,7 @@ class BalanceHistory(Restorable):
             reference[name] = replace(e, mean=mean, covariance=covariance)
         self.reference = reference
 
-    def _retire(self, places: NDArray[np.int64]) -> None:
+    def _retire(self, places: Indices) -> None:
         """Move frames from the window to the epochs, with or without an active fault."""
         if places.size:
             wide = {name: [self._marginalised(name)[k] for k in places] for name in BALANCES}
@@ -271,7 +269,7 @@ class BalanceHistory(Restorable):
         at = FRAME_S * np.array(self.frames)
         self._drop(np.flatnonzero((start <= at) & (at < end)))
 
-    def _drop(self, places: NDArray[np.int64]) -> None:
+    def _drop(self, places: Indices) -> None:
         kept = np.delete(np.arange(len(self.frames)), places).tolist()
         for name in BALANCES:
             wide = self._marginalised(name)

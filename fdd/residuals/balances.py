@@ -26,10 +26,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.bins import BIN_S, FRAME_BINS, GAS_S
+from fdd.residuals.compiled import Array, Flags
 from fdd.residuals.quantities import (
     VALVE_MARGIN_PA,
     Quantities,
@@ -40,9 +40,6 @@ from fdd.residuals.quantities import (
     settled,
 )
 from fdd.tolerances import RELIEF_SHUT
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 LEAST_INLET_PA = -3e4
 """Pa gauge at its inlet, below which a gear pump no longer fills: data sheets ask for 0.7 to 0.8 bar

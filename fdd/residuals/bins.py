@@ -14,16 +14,13 @@ from itertools import pairwise
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
-from fdd.residuals.compiled import follow, friction, windowed_means
+from fdd.residuals.compiled import Array, Flags, Indices, follow, friction, windowed_means
 from fdd.residuals.oil import DRAINS, sure_mean_pressure, viscosity_ratio
 from fdd.restorable import Restorable
 from fdd.samples import Samples
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 BIN_S = 0.01
 """s, length of a bin."""
@@ -262,9 +259,7 @@ class BinMaker(Restorable):
         rate = (warm[:, 0] - warm[:, 1]) / (WARMING_S[1] - WARMING_S[0])
         bins[:, COLUMNS["warming"]] = np.nan_to_num(rate)
 
-    def _pressure_noise(
-        self, taken: Array, frame: NDArray[np.int64], bins: NDArray[np.int64], count: Array, out: Array
-    ) -> None:
+    def _pressure_noise(self, taken: Array, frame: Indices, bins: Indices, count: Array, out: Array) -> None:
         """Fill the noise (standard deviation, Pa) that the mean of a bin's samples has, at this log's rate.
 
         A mean over T takes a band of 1/(2T) of the noise's spectral density. Motion only adds to that of a
@@ -348,14 +343,14 @@ def held_on(values: Array, before: float) -> Array:
     return np.where(latest >= 0, values[latest], before)
 
 
-def _noise_band(samples: int, rate: float) -> NDArray[np.bool_]:
+def _noise_band(samples: int, rate: float) -> Flags:
     """Which frequencies of a periodogram show noise."""
     frequency = np.arange(samples // 2 + 1) * rate / samples
     low, high = (min(f, share * 0.5 * rate) for f, share in zip(NOISE_HZ, NOISE_SHARE, strict=True))
     return (frequency >= low) & (frequency <= high)
 
 
-def _root_density(values: Array, rate: float, band: NDArray[np.bool_]) -> Array:
+def _root_density(values: Array, rate: float, band: Flags) -> Array:
     """Root of a noise's spectral density (m, 1 + 6), per √Hz, at a rate (Hz), of the first of (m, n, 3)
     columns and of the others `MIXED`: the median of the periodogram's frequencies in a band, as the pump's
     pulses and the mains are lines."""

@@ -11,6 +11,8 @@ import estimators
 from estimators.compiled import compiler
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 njit = compiler(Path(__file__).parent, Path(estimators.__file__).parent)
 """For the functions of this package, which call the estimators' small-matrix algebra. What it keeps on disk
@@ -58,7 +60,7 @@ def follow(values: Array, state: Array, decay: Array, out: Array) -> None:
 
 @njit()
 def windowed_means(
-    time: Array, values: Array, bin_of: NDArray[np.int64], grid: tuple[int, float, int],
+    time: Array, values: Array, bin_of: Indices, grid: tuple[int, float, int],
     out: Array,
 ) -> None:  # fmt: skip
     """Means under Hann windows of two bins about the middle of each; NaN at the ends of frames.

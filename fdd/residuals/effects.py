@@ -9,13 +9,11 @@ from importlib import resources
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from fdd.residuals.balances import BALANCES
+from fdd.residuals.compiled import Array, Flags
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 UNKNOWN_VISCOSITY = 0.6
 """Standard deviation of ln viscosity between two logs without a thermometer: 15 K, at 4 %
@@ -123,7 +121,7 @@ class Effects:
     scatter: Array
     log_variance: Array
     warming: Array | float = 0.0
-    own: NDArray[np.bool_] | bool = True
+    own: Flags | bool = True
 
     def between_logs(self, conditions: LogConditions) -> Array:
         """Variance (n,) of a log's coefficients about the unit's."""

@@ -11,15 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.residuals.balances import BALANCES
 from fdd.residuals.bins import FRAME_S
+from fdd.residuals.compiled import Array
 from fdd.residuals.effects import Effects, usual_conditions
 from fdd.residuals.normal_equations import marginalised
 from fdd.restorable import Restorable
 
-Array = NDArray[np.float64]
 BalanceSums = Mapping[str, tuple[Array, Array]]
 
 EPOCH_FRAMES, LEAST_EPOCH_FRAMES = 7200, 240

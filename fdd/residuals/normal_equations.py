@@ -11,17 +11,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.linalg import cholesky, cholesky_solve
 from fdd.residuals.balances import Balance, RegressionBlock
 from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
-from fdd.residuals.compiled import njit
+from fdd.residuals.compiled import Array, Flags, njit
 from fdd.residuals.effects import Effects
 from fdd.restorable import Restorable
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 RIDGE = 1e-6
 """Ridge penalty on columns scaled to one: collinear columns share the effect."""

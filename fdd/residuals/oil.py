@@ -17,13 +17,11 @@ chambers' valves hold the lower one open to the accumulator.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fdd.measures import ATMOSPHERE_PA
-from fdd.residuals.compiled import njit
+from fdd.residuals.compiled import Array, njit
 from fdd.unit import Oil, Unit
-
-Array = NDArray[np.float64]
 
 LEAST_PA = 1.0e4
 """Absolute pressure below which the oil cavitates and the air's law says nothing."""

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fdd.measures import ATMOSPHERE_PA
 from fdd.residuals.bins import COLUMNS, FRAME_BINS, held_on
+from fdd.residuals.compiled import Array, Flags
 from fdd.residuals.oil import free_air, stiff_compliance, viscosity_ratio
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 VALVE_MARGIN_PA = 5e3
 """How far above the accumulator a chamber must be for its check valve to be surely shut."""

@@ -9,19 +9,17 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.eha import layout
 from estimators.eha import model as eha
 from estimators.observability import Observability, Observed
 from fdd.errors import InputError
 from fdd.residuals.bins import STOP_S
+from fdd.residuals.compiled import Array
 from fdd.residuals.tracking import METHODS, OBSERVABLE, Channels, Tracking, new_watch, watched
 from fdd.restorable import Restorable
 from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
-
-Array = NDArray[np.float64]
 
 HELD_BACK = 500
 """Samples that channels and period are found from: a number, not a time, so that one early row is not

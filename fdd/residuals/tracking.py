@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.eha import layout
 from estimators.eha import model as eha
@@ -13,13 +12,13 @@ from estimators.eha.layout import Noise
 from estimators.eha.tracker import EhaTracker
 from estimators.eha.walk import drifts
 from estimators.observability import Observability, Observed
+from fdd.residuals.compiled import Array, Flags
 from fdd.residuals.oil import viscosity_ratio
 from fdd.restorable import Restorable
 from fdd.samples import Samples
 from fdd.tolerances import RELIEF_SHUT
 from fdd.unit import FrictionBranch, Unit
 
-Array = NDArray[np.float64]
 METHODS = ("ekf", "svsf")
 
 OBSERVABLE = {
@@ -243,7 +242,7 @@ def watched(
     return watch.push(records["time"], *estimates(records, unit, model), drift)
 
 
-def observability(values: dict[str, Array], stds: dict[str, Array]) -> dict[str, NDArray[np.bool_]]:
+def observability(values: dict[str, Array], stds: dict[str, Array]) -> dict[str, Flags]:
     """Where each quantity is observable: relative std with hysteresis (see `OBSERVABLE`)."""
     watch = new_watch()
     order = np.arange(values["leakage"].size, dtype=np.float64)
