@@ -11,7 +11,6 @@ What healthy logs differ by, and stretches scatter by, is Student's t: one log o
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -206,7 +205,7 @@ def departures(
     inverse = np.linalg.inv(joint)[..., 0]
     size = np.sum(inverse * score, axis=-1)
     along = inverse / inverse[..., :1]  # the known ones follow the first
-    share = inverse[..., 0] * np.sum(along * _times(lost, along), axis=-1)
+    share = inverse[..., 0] * np.sum(along * matvec(lost, along), axis=-1)
     return Departures(np.asarray(size), np.asarray(1.0 / inverse[..., 0]), np.asarray(share))
 
 
@@ -226,7 +225,7 @@ def _part(
     f, p, n = g.shape
     flat = e.information.reshape(len(e.information), -1)
     both = np.stack([(time_profiles[:, i, None] * time_profiles) @ flat for i in range(p)], axis=1)
-    contribution = _times(both.reshape(f, p, p, n, n), g[:, None])  # of the second to the first's scores
+    contribution = matvec(both.reshape(f, p, p, n, n), g[:, None])  # of the second to the first's scores
     information = np.sum(g[:, :, None] * contribution, axis=-1)
     score = np.sum(g * (time_profiles @ e.deviation), axis=-1)
     sums = e.moved(time_profiles)
@@ -245,7 +244,7 @@ def _part(
         by_change = contribution[:, 0] * root[:, None] - shift @ transposed
         vector = root * (time_profiles[:, 0] @ e.deviation) - (changed * weight) @ e.score
         by_one = by_change @ np.linalg.inv(k * np.eye(n) + total)
-        score = score - _times(by_one, vector)
+        score = score - matvec(by_one, vector)
         information = information - by_one @ np.swapaxes(by_change, -1, -2)
         shift = shift - by_one @ (changed * weight)
     own_shift = shift @ e.own.T
@@ -254,26 +253,25 @@ def _part(
 
 def by_duty(e: BalancePosterior, after: Array) -> Array:
     """Variance (f, n) of the change of a healthy log's coefficients by a change of duty at an onset; `after`
-    (f, n, n) is the information since it."""
-    unlike = 1.0 - _alike(e, e.total - after, after)
-    # A load's coefficients vary from log to log since loads do, which no change of duty brings about.
-    return np.asarray(2.0 * unlike[:, None] * np.where(e.healthy.own, e.healthy.log_variance, 0.0))
+    (f, n, n) is the information since it.
 
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    """Matrices times vectors, over the axes before them."""
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
-
-
-def _alike(e: BalancePosterior, before: Array, after: Array) -> Array:
-    """Cosine similarity (f,) of the information matrices before and after, scaled by the standard deviation
-    from log to log: 1 where the duty is the same."""
+    It goes by the cosine similarity of the information before and after, scaled by the standard deviation
+    from log to log: 1 where the duty is the same.
+    """
     std = np.sqrt(e.healthy.log_variance)
-    one, two = (x * std * std[:, None] for x in (before, after))
+    one, two = (x * std * std[:, None] for x in (e.total - after, after))
     own = np.sqrt(np.sum(one * one, axis=(1, 2)) * np.sum(two * two, axis=(1, 2)))
     # Where all is before or all is after, the rest is rounding, which resembles nothing.
     rounding = 1e-9 * np.sum(np.square(one + two), axis=(1, 2))
-    return np.asarray(np.clip(np.sum(one * two, axis=(1, 2)) / (own + rounding + 1e-300), 0.0, 1.0))
+    alike = np.clip(np.sum(one * two, axis=(1, 2)) / (own + rounding + 1e-300), 0.0, 1.0)
+    # A load's coefficients vary from log to log since loads do, which no change of duty brings about.
+    own_variance = np.where(e.healthy.own, e.healthy.log_variance, 0.0)
+    return np.asarray(2.0 * (1.0 - alike)[:, None] * own_variance)
+
+
+def matvec(matrices: Array, vectors: Array) -> Array:
+    """Matrices times vectors, over the axes before them, as `numpy.matvec` from 2.2 on."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def freedom(healthy: Array, blocks: Array) -> Array:
@@ -294,19 +292,3 @@ def heavy_tailed(ratio: Array, freedom: Array) -> Array:
 def as_normal(ratio: Array, freedom: Array) -> Array:
     """Inverse of `heavy_tailed`."""
     return np.asarray(0.5 * freedom * np.expm1(np.minimum(2.0 * ratio / (freedom + 1.0), 700.0)))
-
-
-def log_normal(z: float) -> float:
-    """Logarithm of the normal distribution function; `scipy.special` takes a quarter of a second to import.
-
-    Examples
-    --------
-    >>> round(log_normal(0.0), 6), round(log_normal(-50.0), 3)
-    (-0.693147, -1254.831)
-    """
-    if z > 0.0:
-        return math.log1p(-0.5 * math.erfc(z / math.sqrt(2.0)))
-    if z > -30.0:
-        return math.log(0.5 * math.erfc(-z / math.sqrt(2.0)))
-    r = 1.0 / z**2  # the asymptotic series: erfc is too small to be written from here on
-    return -0.5 * z**2 - math.log(-z * math.sqrt(2.0 * math.pi)) + math.log1p(-r * (1 - r * (3 - 15 * r)))

@@ -11,20 +11,14 @@ log.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from fdd.diagnosis.departures import (
-    BalancePosterior,
-    Departures,
-    departures,
-    freedom,
-    heavy_tailed,
-    log_normal,
-)
+from fdd.diagnosis.departures import BalancePosterior, Departures, departures, freedom, heavy_tailed, matvec
 from fdd.residuals.bins import BLOCK_FRAMES
 from fdd.residuals.compiled import Array, Flags, Indices
 
@@ -72,15 +66,11 @@ class Joint:
         self.information -= total @ self.inverse @ np.swapaxes(total, 1, 2)
         self.vector: Array = (acting @ self.rest.reshape(len(self.rest), -1, 1))[..., 0]
 
-    def nuisance_shift(self, a: Array) -> Array:
-        """Shift of the log's own variables, the nuisance parameters, by amplitudes (f, p): (f, z)."""
-        total = np.einsum("fpz,fp->fz", self.total_contribution, a)
-        return np.asarray((self.inverse @ total[..., None])[..., 0])
-
     def frame_shift(self, a: Array) -> tuple[Array, Array]:
         """Deviation of each frame's coefficients from the log's own, with amplitudes (f, p), and what it adds
         to the frame's score, (f, h, n) each."""
-        shift = self.nuisance_shift(a)
+        total = np.einsum("fpz,fp->fz", self.total_contribution, a)
+        shift = matvec(self.inverse, total)  # of the log's own variables, the nuisance parameters
         flat = self.balance.basis.reshape(self.balance.deviation.size, shift.shape[1])
         off = np.einsum("fphn,fp->fhn", self.acting, a)
         off -= (shift @ flat.T).reshape(off.shape)
@@ -166,7 +156,7 @@ def fit(
     for place, j in zip(map(list(balances).index, parts.columns), joints, strict=True):
         d = along[j.mine]
         expected = 0.5 * np.einsum("fp,fpq,fq->f", d, j.information, d)
-        left = j.vector - (j.information @ a[j.mine, :, None])[..., 0]
+        left = j.vector - matvec(j.information, a[j.mine])
         by_balance[j.mine, :, place] = np.stack([np.sum(d * left, axis=1) + expected, expected], axis=1)
     if from_start:
         joints = parts.joints(balances, from_start=True)
@@ -190,8 +180,8 @@ def fit(
         frame_scores[k] += np.einsum("fhn,fhn->fh", acting, left)
         frame_information[k] += size[k, None] * np.einsum("fhn,fhn->fh", acting, j.contribution[:, 0])
     blocks = np.arange(0, frames, stretches.frames)
-    u = np.add.reduceat(scores, blocks, axis=1)
-    w = np.add.reduceat(weights, blocks, axis=1).clip(1e-100)
+    u, w = (np.add.reduceat(x, blocks, axis=1) for x in (scores, weights))
+    w = w.clip(1e-100)
     count = w.sum(axis=1) ** 2 / np.sum(w**2, axis=1)
     reduced_chi_square = np.sum(u**2, axis=1) / w.sum(axis=1) * count / np.maximum(count - 2.0, 1.0)
     reduced_chi_square = np.maximum(reduced_chi_square, 1.0)
@@ -210,8 +200,9 @@ def fit(
     ratio = heavy_tailed(_gain(likely, size), freedom(likely.healthy, behind))
     occam = 0.5 * np.log1p(scales[:, 0] ** 2 * precision)  # of Laplace's approximation
     score = ratio - occam
-    one_sided = np.array([np.log(2.0) + log_normal(z) for z in (size * np.sqrt(precision)).tolist()])
-    score += np.where(parts.signed, one_sided, 0.0)
+    # The posterior's share above zero over the prior's, which is a half: 2 Φ(z).
+    above = [math.log1p(math.erf(z)) for z in np.abs(size * np.sqrt(0.5 * precision)).tolist()]
+    score += np.where(parts.signed, above, 0.0)
     most = np.maximum(GREATEST, np.abs(size))
     while_acting = _while_acting(frame_scores, frame_information, overdispersion)
     active_amplitude = np.clip(size * while_acting, -most, most)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from made_up_evidence import DRIFT, EFFECTS, FRAMES, LEAK, NAME, drawn
 from scipy.linalg import block_diag
-from scipy.special import log_ndtr
 from scipy.stats import t
 
 from fdd.diagnosis.departures import (
@@ -19,7 +18,6 @@ from fdd.diagnosis.departures import (
     departures,
     freedom,
     heavy_tailed,
-    log_normal,
 )
 from fdd.diagnosis.evidence import Evidence
 from fdd.diagnosis.fitting import Parts
@@ -173,11 +171,6 @@ def test_oil_that_warms_unmeasured_changes_coefficients() -> None:
     growth = (0.01 * GROWN.frames * FRAME_S) ** 2
     assert leak == pytest.approx(1.0 / (mean**2 / level + 1.0 / growth), rel=0.01)
     assert other < 0.01 * leak
-
-
-@pytest.mark.parametrize("z", [-1e4, -200.0, -30.01, -30.0, -29.99, -8.0, -1.0, -0.0, 0.0, 0.5, 3.0, 7.0])
-def test_the_normal_distribution_function_is_scipys(z: float) -> None:
-    assert log_normal(z) == pytest.approx(float(log_ndtr(z)), rel=1e-12)
 
 
 def test_heavy_tailed_is_students_t_of_welchs_degrees_of_freedom() -> None:
