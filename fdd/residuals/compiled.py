@@ -7,16 +7,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import estimators
 from estimators.compiled import compiler
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
-njit = compiler(Path(__file__).parent, Path(estimators.__file__).parent)
-"""For the functions of this package, which call the estimators' small-matrix algebra. What it keeps on disk
-is made anew when a source beside it changes."""
+njit = compiler(Path(__file__).parent)
+"""What it compiles is kept on disk, and made anew when a source beside it changes."""
 LUBRICATION_LAG_S = 0.03
 """s, lag of the lubricating film, and with it of the falling part of friction, behind the sliding speed: 5 to
 60 ms by Hess and Soom 1990 (doi 10.1115/1.2920240) and Armstrong-Helouvry et al. 1994 (doi

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.linalg import cholesky, cholesky_solve
 from fdd.residuals.balances import Balance, RegressionBlock
 from fdd.residuals.bins import BIN_S, FRAME_BINS, TAIL_BINS
 from fdd.residuals.compiled import Array, Flags, njit
@@ -99,13 +98,37 @@ class RegressionAccumulator(Restorable):
             noisy = np.empty((0, 2, n)) if noisy is None else np.ascontiguousarray(noisy)
             y, x = np.ascontiguousarray(y), np.ascontiguousarray(x)
             add_rows(y, x, ok, noisy, TAIL_BINS, LEAST_ROWS, self.balance.cumulative, gram, noise, rows)
-        information, vector, variance = np.empty((count, n, n)), np.empty((count, n)), np.empty(count)
-        usual = np.array([self.variance_sum, self.weight])
-        weight_equations(
-            gram, noise, rows, self.mean, LEAST_ROWS, self.least, MEMORY, usual, information, vector, variance
-        )
-        self.variance_sum, self.weight = usual.tolist()
-        return [*map(NormalEquations, information, vector, rows.tolist(), variance.tolist())]
+        return self._weighted(gram, noise, rows)
+
+    def _weighted(self, gram: Array, noise: Array, rows: Array) -> list[NormalEquations]:
+        """What `add_rows` summed up, divided by the variance of each frame's rows (weighted least squares).
+
+        That is the mean square residual of the frame's own least squares, or of the last seconds', if more.
+        """
+        information, moment, square = gram[:, :-1, :-1], gram[:, :-1, -1], gram[:, -1, -1]
+        diagonal = np.einsum("hii->hi", information)
+        scale = 1.0 / np.sqrt(diagonal.clip(1e-300))
+        scaled = information * scale[:, :, None] * scale[:, None] + RIDGE * np.eye(self.size)
+        best = np.linalg.solve(scaled, (moment * scale)[..., None])[..., 0]
+        left = np.maximum(square - np.sum(moment * scale * best, axis=1), 1e-12 * square).tolist()
+        free = np.maximum(rows - np.count_nonzero(diagonal, axis=1), 0.3 * rows).tolist()
+        # Errors in variables attenuate the coefficients: what they take from the healthy unit's is put back.
+        vector = moment + noise @ self.mean
+        out = []
+        for h, count in enumerate(rows.tolist()):
+            if count < LEAST_ROWS:
+                out.append(self._nothing())
+                continue
+            self.variance_sum = MEMORY * self.variance_sum + left[h]
+            self.weight = MEMORY * self.weight + free[h]
+            variance = max(left[h] / free[h], self.variance_sum / self.weight, self.least)
+            out.append(NormalEquations(information[h] / variance, vector[h] / variance, count, variance))
+        return out
+
+    def _nothing(self) -> NormalEquations:
+        """Of a frame without enough rows."""
+        none = np.zeros((self.size, self.size))
+        return NormalEquations(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
 
     def _frame_equations(self, rows: Array, sense: Array) -> NormalEquations:
         """Normal equations of one frame whose rows are means of several bins, or spectral lines, whose last
@@ -114,8 +137,7 @@ class RegressionAccumulator(Restorable):
         if not self.balance.lines:  # also without rows, or what moves seldom would remember for minutes
             self.recent = [*self.recent[1 - RECENT_FRAMES :], rows]
         if free < LEAST_ROWS // self.balance.bins_per_row:
-            none = np.zeros((self.size, self.size))
-            return NormalEquations(none, np.zeros(self.size), 0.0, self.variance_sum / self.weight)
+            return self._nothing()
         gram = rows.T @ rows
         if self.balance.lines:
             return self._amplitudes(gram, int(np.nanmean(sense) > 0.0), free)
@@ -133,10 +155,7 @@ class RegressionAccumulator(Restorable):
         """
         lines = self.balance.lines
         n = gram.shape[0] - 1
-        scale = 1.0 / np.sqrt(np.diag(gram)[:n].clip(1e-300))
-        inverse = (
-            np.linalg.inv(gram[:n, :n] * scale * scale[:, None] + RIDGE * np.eye(n)) * scale * scale[:, None]
-        )
+        inverse = _ridge_inverse(gram[:n, :n])
         size = inverse @ gram[:n, n]
         variance = float(max((gram[n, n] - size @ gram[:n, n]) / max(free - n, 0.3 * free), self.least))
         now, before = size[: 2 * lines].reshape(lines, 2), self.phasors[sense].copy()
@@ -145,8 +164,7 @@ class RegressionAccumulator(Restorable):
         self.variance_sum = MEMORY * self.variance_sum + float(spread.mean())
         self.weight = MEMORY * self.weight + 1.0
         if not before.any():
-            none = np.zeros((self.size, self.size))
-            return NormalEquations(none, np.zeros(self.size), 0.0, variance)
+            return self._nothing()
         amplitude = np.sum(before * now, axis=1) / np.hypot(before[:, 0], before[:, 1])
         spread = np.maximum(spread, self.variance_sum / self.weight)
         return NormalEquations(np.diag(1.0 / spread), amplitude / spread, free, variance)
@@ -160,15 +178,13 @@ class RegressionAccumulator(Restorable):
         """
         joined = np.concatenate(self.recent)
         x, y = joined[:, :-1], joined[:, -1]
-        scale = 1.0 / np.sqrt(np.square(x).sum(axis=0).clip(1e-300))
-        scaled = x * scale
-        left = y - scaled @ np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(scale.size), scaled.T @ y)
+        left = y - x @ (_ridge_inverse(x.T @ x) @ (x.T @ y))
         square = max(float(left @ left), 1e-300)
         rho = float(left[1:] @ left[:-1]) / square
         # Bias of the lag-one correlation of few rows (doi 10.1093/biomet/41.3-4.390).
         rho += (1.0 + 3.0 * rho) / y.size
         rho = min(max(rho, 0.0), MOST_COLOUR)
-        free = max(y.size - scale.size, 0.0)
+        free = max(y.size - x.shape[1], 0.0)
         found = square / max(free, 0.3 * y.size) * (1.0 + rho) / (1.0 - rho)
         # Few rows tell little of their noise: the unit's usual, or the log's so far if more, counts as some.
         count = FIRST_WEIGHT / self.balance.bins_per_row
@@ -210,6 +226,13 @@ class RegressionAccumulator(Restorable):
             out[k] = rows[k] + self.level[0]
             self.level = decay * out[k : k + 1] - rows[k : k + 1]
         return out
+
+
+def _ridge_inverse(gram: Array) -> Array:
+    """Inverse of ``XᵀX`` (n, n) with a ridge penalty on columns scaled to one."""
+    scale = 1.0 / np.sqrt(np.diag(gram).clip(1e-300))
+    inverse = np.linalg.inv(gram * scale * scale[:, None] + RIDGE * np.eye(scale.size))
+    return np.asarray(inverse * scale * scale[:, None])
 
 
 @njit()
@@ -281,57 +304,3 @@ def _add_products(part: Array, begin: int, end: int, gram: Array) -> None:
         for i in range(n):
             for j in range(n):
                 gram[i, j] += part[k, i] * part[k, j]
-
-
-@njit()
-def weight_equations(
-    gram: Array, noise: Array, rows: Array, mean: Array, least: float, lowest: float, memory: float,
-    usual: Array, information: Array, vector: Array, variance: Array,
-) -> None:  # fmt: skip
-    """Divide frames' normal equations by the variance of their rows (weighted least squares).
-
-    The variance is the mean square residual of a frame's own least squares, or that of the last seconds, if
-    more.
-
-    Parameters
-    ----------
-    gram, noise, rows : of `add_rows`. mean : (n,) coefficients of the healthy unit.
-    least : fewest rows of a frame that count. lowest : lower bound of the variance.
-    memory : share of `usual` that is kept from frame to frame.
-    usual : (2,) sum of squares and of weights so far; goes on.
-    information, vector, variance : (frames, n, n), (frames, n) and (frames,), filled.
-    """
-    n = mean.size
-    scaled, root, best, scale = np.empty((n, n)), np.zeros((n, n)), np.empty((1, n)), np.empty(n)
-    for h in range(rows.size):
-        if rows[h] < least:
-            rows[h] = 0.0
-            information[h], vector[h], variance[h] = 0.0, 0.0, usual[0] / usual[1]
-            continue
-        g = gram[h]
-        seen = 0
-        for i in range(n):
-            scale[i] = 1.0 / np.sqrt(max(g[i, i], 1e-300))
-            seen += g[i, i] > 0.0
-        for i in range(n):
-            for j in range(n):
-                scaled[i, j] = g[i, j] * scale[i] * scale[j]
-            scaled[i, i] += RIDGE
-            best[0, i] = g[i, n] * scale[i]
-        cholesky(scaled, root)
-        cholesky_solve(root, best)
-        left = g[n, n]
-        for i in range(n):
-            left -= g[i, n] * scale[i] * best[0, i]
-        left = max(left, 1e-12 * g[n, n])
-        free = max(rows[h] - seen, 0.3 * rows[h])
-        usual[0] = memory * usual[0] + left
-        usual[1] = memory * usual[1] + free
-        variance[h] = max(left / free, usual[0] / usual[1], lowest)
-        # Errors in variables attenuate the coefficients: what they take from the healthy unit's is put back.
-        for i in range(n):
-            back = g[i, n]
-            for j in range(n):
-                back += noise[h, i, j] * mean[j]
-                information[h, i, j] = g[i, j] / variance[h]
-            vector[h, i] = back / variance[h]
