@@ -11,10 +11,11 @@ import re
 from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from estimators.ekf import jacobian
 from fdd.errors import InputError
 from fdd.packages import TRACKERS, Addition, additions
 from fdd.residuals.bins import BIN_S, COLUMNS, FAST, FRAME_BINS
@@ -24,23 +25,6 @@ from fdd.unit import Unit
 
 TAKEN = {name: COLUMNS[name] for name in FAST} | {"oil_temperature": COLUMNS["temperature"]}
 """Channel that a tracker may ask for, to its column of the bins."""
-STEP = 1e-3
-"""Standard deviations by which a state is moved to see what a quantity does with it."""
-
-
-class Filter(Protocol):
-    """What a filter has: filterpy's interface."""
-
-    x: Any
-    P: Any
-
-    @property
-    def predict(self) -> Callable[..., Any]:
-        """Go on by a period; called with ``u=`` where there are inputs."""
-
-    @property
-    def update(self) -> Callable[[Any], Any]:
-        """Take a measurement; None where one is missing."""
 
 
 @dataclass
@@ -49,7 +33,9 @@ class Tracker:
 
     Attributes
     ----------
-    filter : state and covariance are read as `x` (n,) or (n, 1) and `P` (n, n) after each period.
+    filter : has filterpy's `predict`, called with ``u=`` where there are inputs, and `update`, which takes
+        None where a measurement is missing. State and covariance are read as `x` (n,) or (n, 1) and `P`
+        (n, n) after each period.
     measurements : channels of `update`'s argument, (m,) SI.
     quantities : of leakage, bulk_modulus, coulomb_friction and viscous_friction those that it estimates, each
         as a function of the state (n,) in SI. Standard deviations follow from `P`.
@@ -58,7 +44,7 @@ class Tracker:
         be lost without.
     """
 
-    filter: Filter
+    filter: Any
     measurements: tuple[str, ...]
     quantities: Mapping[str, Callable[[Array], float]]
     inputs: tuple[str, ...] = ()
@@ -101,8 +87,7 @@ class AddedTracker:
         self._next = -1
         self._started = False
         self._last_input: Array = np.empty(0)
-        self._times = array("d")
-        self._quantities = {name: array("d") for name in OBSERVABLE}  # value and deviation in turns
+        self._rows = array("d")  # time, and of each of `OBSERVABLE` value and standard deviation
 
     def push(self, first: int, bins: Array) -> None:
         """Take bins of whole frames, and the first one's index, as `fdd.residuals.bins.BinMaker` gives them.
@@ -111,24 +96,25 @@ class AddedTracker:
         """
         if not len(bins) or self.problem is not None:
             return
-        if first != self._next:  # after a pause a tracker begins anew
-            self._tracker = None
+        if first != self._next or self._tracker is None:  # after a pause a tracker begins anew
+            self._tracker, self._started = self._made(bins), False
         self._next = first + len(bins) // FRAME_BINS
         if self._tracker is None:
-            self._begin(bins)
-        for k, values in enumerate(bins if self._tracker else ()):
+            return
+        for k, values in enumerate(bins):
             time = (first * FRAME_BINS + k + 0.5) * BIN_S
             try:
-                self._step(time, values)
+                self._step(self._tracker, time, values)
             except Exception as error:  # a filter that fails ends itself, not the diagnosis
                 brief = f"{type(error).__name__}: {error}"[:120]
                 self.problem = f"tracker {self.name} ({self.package}) stopped at {time:.2f} s ({brief})"
                 return
 
-    def _begin(self, bins: Array) -> None:
+    def _made(self, bins: Array) -> Tracker | None:
+        """The factory's tracker for the channels of these bins; None before the position has values."""
         channels = tuple(n for n, c in TAKEN.items() if np.isfinite(bins[:, c]).any())
         if "position" not in channels:
-            return
+            return None
         try:
             made = self._make(self.unit, channels, BIN_S)
         except InputError as error:
@@ -145,63 +131,56 @@ class AddedTracker:
             )
         if not made.quantities or not set(made.quantities) <= set(OBSERVABLE):
             raise self._addition.wrong(f"tells {', '.join(made.quantities)}, not of {', '.join(OBSERVABLE)}")
-        self._tracker, self._started = made, False
+        return made
 
-    def _step(self, time: float, values: Array) -> None:
-        tracker = self._tracker
-        assert tracker is not None
+    def _step(self, tracker: Tracker, time: float, values: Array) -> None:
         u, z = (values[[TAKEN[n] for n in names]] for names in (tracker.inputs, tracker.measurements))
+        measured = np.isfinite(z).all()
         if np.isfinite(u).all():
             self._last_input = u
         if not self._started:
-            if not (np.isfinite(u).all() and np.isfinite(z).all()):
+            if not (np.isfinite(u).all() and measured):
                 return
             if tracker.start is not None:
                 tracker.start(u, z)
             self._started = True
-        if tracker.inputs:
-            tracker.filter.predict(u=self._last_input)
-        else:
-            tracker.filter.predict()
-        tracker.filter.update(z if np.isfinite(z).all() else None)
+        tracker.filter.predict(**({"u": self._last_input} if tracker.inputs else {}))
+        tracker.filter.update(z if measured else None)
         x = np.array(tracker.filter.x, dtype=np.float64).reshape(-1)
         covariance = np.asarray(tracker.filter.P, dtype=np.float64)
         if not (np.isfinite(x).all() and np.isfinite(covariance).all()):
             raise ArithmeticError("its state is no longer finite")
-        found = {name: _value_and_std(f, x, covariance) for name, f in tracker.quantities.items()}
-        self._times.append(time)
+        row = [time]
         for name in OBSERVABLE:
-            self._quantities[name].extend(found.get(name, (np.nan, np.nan)))
+            value = std = np.nan
+            if quantity := tracker.quantities.get(name):
+                (gradient,) = jacobian(quantity, x, covariance)
+                value = float(quantity(x))
+                std = math.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
+            row += value, std
+        self._rows.extend(row)
+
+    def _table(self) -> tuple[Array, dict[str, Array]]:
+        """Times (n,), and value and standard deviation (2, n) of each of `OBSERVABLE`."""
+        table = np.array(self._rows).reshape(-1, 1 + 2 * len(OBSERVABLE)).T
+        return table[0], dict(zip(OBSERVABLE, table[1:].reshape(len(OBSERVABLE), 2, -1), strict=True))
 
     def last(self) -> dict[str, tuple[float, float]]:
         """Quantities that it estimates, to value and standard deviation (SI) at the end; empty where it
         ended."""
-        if self.problem is not None:
+        time, found = self._table()
+        if self.problem is not None or not time.size:
             return {}
-        found = {name: (pairs[-2], pairs[-1]) for name, pairs in self._quantities.items() if pairs}
-        return {name: pair for name, pair in found.items() if np.isfinite(pair).all()}
+        last = {name: pair[:, -1] for name, pair in found.items()}
+        return {name: (pair[0], pair[1]) for name, pair in last.items() if np.isfinite(pair).all()}
 
     def over(self, time: Array) -> tuple[dict[str, Array], dict[str, Array]]:
         """Quantities that it estimates and their standard deviations (SI) at times (n,); NaN before and
         after."""
-        values: dict[str, Array] = {}
-        stds: dict[str, Array] = {}
-        at = np.array(self._times)
-        for name, pairs in self._quantities.items():
-            table = np.array(pairs).reshape(-1, 2)
-            if np.isfinite(table).any():
-                for out, column in ((values, table[:, 0]), (stds, table[:, 1])):
-                    out[name] = np.interp(time, at, column, left=np.nan, right=np.nan)
+        at, found = self._table()
+        known = {name: pair for name, pair in found.items() if np.isfinite(pair).any()}
+        values, stds = (
+            {name: np.interp(time, at, pair[k], left=np.nan, right=np.nan) for name, pair in known.items()}
+            for k in (0, 1)
+        )
         return values, stds
-
-
-def _value_and_std(quantity: Callable[[Array], float], x: Array, covariance: Array) -> tuple[float, float]:
-    """A function of the state, and its standard deviation to first order."""
-    gradient = np.zeros(x.size)
-    for k in range(x.size):
-        step = np.zeros(x.size)
-        step[k] = STEP * np.sqrt(max(covariance[k, k], 0.0))
-        if step[k] > 0.0:
-            gradient[k] = (quantity(x + step) - quantity(x - step)) / (2.0 * step[k])
-    variance = float(gradient @ covariance @ gradient)
-    return float(quantity(x)), math.sqrt(max(variance, 0.0))
