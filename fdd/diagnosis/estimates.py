@@ -23,8 +23,6 @@ from fdd.unit import Unit
 CHANGES = {"leakage": 0.08, "bulk_modulus": 0.25}
 """Allowed deviation (ln) of a healthy unit from its profile: 2 K between gap and sensor at 4 % a kelvin; air
 that dissolves and comes out."""
-PROFILED = {"leakage": "cross_port_leakage", "bulk_modulus": "bulk_modulus"}
-"""Parameters of the profile's pump and oil whose stated standard deviation is used."""
 UNMEASURED = 0.4
 """The same of leakage without a thermometer: 10 K."""
 OF_BASE = 0.3
@@ -63,12 +61,13 @@ def believed(
         return out, why
     witnesses = [f for f in faults if f.confidence >= NAMED]
     level = "pressure_accumulator" in channels or {"pressure_1", "pressure_2"} <= set(channels)
-    for name, healthy, section in (
-        ("leakage", unit.pump.total_leakage / records["viscosity"], unit.pump),
-        ("bulk_modulus", np.full(time.size, unit.oil.bulk_modulus), unit.oil),
-    ):
-        mine, known = seen[name], section.std_of(PROFILED[name])
-        share = OF_BASE if known is None else known / max(float(getattr(section, PROFILED[name])), 1e-300)
+    for name, healthy, own, known in (
+        ("leakage", unit.pump.total_leakage / records["viscosity"],
+         unit.pump.cross_port_leakage, unit.pump.std_of("cross_port_leakage")),
+        ("bulk_modulus", np.full(time.size, unit.oil.bulk_modulus),
+         unit.oil.bulk_modulus, unit.oil.std_of("bulk_modulus")),
+    ):  # fmt: skip
+        mine, share = seen[name], OF_BASE if known is None else known / max(own, 1e-300)
         left = UNMEASURED if name == "leakage" and "oil_temperature" not in channels else CHANGES[name]
         if known is not None and share > left:
             good, why[name] = np.zeros(time.size, np.bool_), "the profile itself hardly knows it"

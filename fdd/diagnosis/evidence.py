@@ -18,15 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fdd.diagnosis.departures import VAGUE, BalancePosterior, as_normal, by_duty, freedom
-from fdd.diagnosis.fitting import (
-    GREATEST,
-    Fit,
-    Parts,
-    Stretches,
-    by_noise_model,
-    fit,
-    known_scatter,
-)
+from fdd.diagnosis.fitting import GREATEST, Fit, Parts, Stretches, by_noise_model, fit, known_scatter
 from fdd.diagnosis.hypotheses import (
     DATED,
     SHAPES,

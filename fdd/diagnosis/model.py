@@ -8,7 +8,6 @@ import hashlib
 import json
 import math
 from functools import partial
-from importlib import resources
 from operator import eq
 from pathlib import Path
 from typing import Literal
@@ -23,6 +22,7 @@ from fdd.faults import ADDED_BY, fault
 from fdd.files import write_text
 from fdd.residuals.compiled import Array
 from fdd.residuals.effects import Spreads
+from fdd.yaml_reading import yaml_text
 
 SHIPPED = "model.json"
 HELD_IN_DOUBT = 0.5
@@ -154,11 +154,6 @@ class Model(BaseModel):
     Raises
     ------
     InputError : from `load`, naming file and field.
-
-    Examples
-    --------
-    >>> Model.load().tail.threshold(1.0) > 0.0
-    True
     """
 
     model_config = ConfigDict(populate_by_name=True, extra="forbid", allow_inf_nan=False, strict=True)
@@ -205,15 +200,9 @@ class Model(BaseModel):
     def load(cls, path: str | Path | None = None) -> Model:
         """Read a model file; None takes the shipped one."""
         mend = "give a file that fdd train wrote"
-        if path is None:
-            text, where = (resources.files("fdd.diagnosis") / SHIPPED).read_text(encoding="utf-8"), SHIPPED
-        else:
-            file, where = Path(path), str(path)
-            if not file.is_file():
-                raise InputError("no such model file", where=where, mend=mend)
-            if file.stat().st_size > MAX_MODEL_BYTES:
-                raise InputError(f"larger than {MAX_MODEL_BYTES} bytes", where=where, mend=mend)
-            text = file.read_text(encoding="utf-8", errors="replace")
+        where = SHIPPED if path is None else str(path)
+        file = Path(__file__).with_name(SHIPPED) if path is None else Path(path)
+        text = yaml_text(file, "model file", MAX_MODEL_BYTES, mend)  # as bounded as a profile's
         try:
             return cls.model_validate(json.loads(text))
         except json.JSONDecodeError as error:

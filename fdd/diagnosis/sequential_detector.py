@@ -58,11 +58,6 @@ class ActiveFaults:
         the number of evaluations in a row that have missed it. labels : of their leading hypotheses.
     fault_intervals : s, onset and end of faults that were active before. recovered : families of which a
         fault ended by the evidence, not by missing it.
-
-    Examples
-    --------
-    >>> ActiveFaults().intervals()
-    []
     """
 
     alarms: dict[str, FaultFinding] = field(default_factory=dict)

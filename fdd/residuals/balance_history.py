@@ -65,7 +65,12 @@ class BalanceHistory(Restorable):
 
     def sums(self) -> dict[str, tuple[Array, Array, Array, Array]]:
         """Information (h, n, n), vector (h, n), rows (h,) and variance (h,) of each balance."""
-        return {name: _stacked(self._settled(name), len(BALANCES[name].columns)) for name in BALANCES}
+        out = {}
+        for name, balance in BALANCES.items():
+            m, v, rows, variance = (np.array([e[i] for e in self._settled(name)]) for i in range(4))
+            n = len(balance.columns)
+            out[name] = m.reshape(-1, n, n), v.reshape(-1, n), rows, variance
+        return out
 
     def marginalised(self) -> dict[str, tuple[Array, Array]]:
         """Information (h, n, n) and vector (h, n) of each informative balance, the coefficients' wander from
@@ -97,9 +102,8 @@ class BalanceHistory(Restorable):
 
     def expected(self) -> dict[str, Effects]:
         """The unit's effects with the log-to-log variance under the conditions of the frames kept."""
-        found = {name: self.conditions(name) for name in self.effects}
         return {
-            name: with_logs(e, c, viscous_change(name, e.mean)) if (c := found[name]) else e
+            name: with_logs(e, c, viscous_change(name, e.mean)) if (c := self.conditions(name)) else e
             for name, e in self.effects.items()
         }
 
@@ -164,10 +168,10 @@ class BalanceHistory(Restorable):
         equations = list(self.equations[name])
         first = [k for k, frame in enumerate(equations) if frame.rows][:RECENT_FRAMES]
         for k in first[:-1]:
-            frame, variance = equations[k], equations[first[-1]].variance
-            share = frame.variance / variance
-            wide, kept = share * frame.information, share * frame.vector
-            equations[k] = NormalEquations(wide, kept, frame.rows, variance)
+            information, vector, rows, own = equations[k]
+            variance = equations[first[-1]].variance
+            share = own / variance
+            equations[k] = NormalEquations(share * information, share * vector, rows, variance)
         return equations
 
     def _misfit(self, name: str, equations: list[NormalEquations]) -> Array:
@@ -282,8 +286,3 @@ class BalanceHistory(Restorable):
         """See `Restorable`; what is worked out once is worked out again."""
         super().restore(state)
         self._marginal = {name: [] for name in BALANCES}
-
-
-def _stacked(equations: list[NormalEquations], n: int) -> tuple[Array, Array, Array, Array]:
-    m, v, rows, variance = (np.array([e[i] for e in equations]) for i in range(4))
-    return m.reshape(-1, n, n), v.reshape(-1, n), rows, variance

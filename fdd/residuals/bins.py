@@ -181,7 +181,6 @@ class BinMaker(Restorable):
                 sensor = self.unit.sensor(name)
                 data[:, COLUMNS[name]] = (samples[name] - sensor.zero) / sensor.gain
         self._turn(data)
-        angle = data[:, COLUMNS["pump_angle"]]
         self._friction_reference(data)
         bin_of = np.floor(samples.time / BIN_S + 1e-7).astype(np.int64) - first * FRAME_BINS
         bin_of = np.clip(bin_of, 0, out.shape[0] - 1)
@@ -189,13 +188,13 @@ class BinMaker(Restorable):
         # taken.
         frame = bin_of // FRAME_BINS
         starts = np.flatnonzero(np.diff(frame, prepend=-1))
-        speed = data[:, COLUMNS["pump_speed"]]
-        for a, b in zip(starts, np.append(starts[1:], n), strict=True):
+        angle, speed = data[:, COLUMNS["pump_angle"]], data[:, COLUMNS["pump_speed"]]
+        for a, b in pairwise([*starts.tolist(), n]):
             # Within the frame, so that it does not matter what came in the same block.
             if b - a > 2 and np.isnan(speed[a:b]).all():
                 speed[a:b] = np.gradient(angle[a:b], samples.time[a:b])
         fast = np.isfinite(data[:, : len(FAST)])
-        lengths = np.diff(np.append(starts, n))
+        lengths = np.diff(starts, append=n)
         # What comes less than once in a bin is not waited for: it has a value in the bins where it comes.
         bins = np.add.reduceat(np.diff(bin_of, prepend=-1) > 0, starts)
         there = np.add.reduceat(fast, starts, axis=0) >= 0.9 * bins[:, None]
@@ -205,9 +204,9 @@ class BinMaker(Restorable):
             taken = data[complete]
             where = bin_of[complete]
             begin = np.flatnonzero(np.diff(where, prepend=-1))
-            count = np.diff(np.append(begin, where.size)).astype(np.float64)
-            out[where[begin]] = np.add.reduceat(taken, begin, axis=0) / count[:, None]
-            self._pressure_noise(taken, where // FRAME_BINS, where[begin], count, out)
+            rows = np.diff(begin, append=where.size).astype(np.float64)
+            out[where[begin]] = np.add.reduceat(taken, begin, axis=0) / rows[:, None]
+            self._pressure_noise(taken, where // FRAME_BINS, where[begin], rows, out)
             seldom = fast & ~dense
             for k in np.flatnonzero(seldom.any(axis=0)):
                 mine = np.flatnonzero(seldom[:, k])
@@ -219,13 +218,12 @@ class BinMaker(Restorable):
         if "oil_temperature" in samples.channels:  # slow, and comes when it likes
             celsius = samples["oil_temperature"]
             known = np.isfinite(celsius)
-            warm, of_frame = celsius[known], frame[known]
-            begin = np.flatnonzero(np.diff(of_frame, prepend=-1))
-            parts = np.split(warm, begin[1:])
-            means = {int(h): float(part.mean()) for h, part in zip(of_frame[begin], parts, strict=False)}
-            for h in range(until - first):
-                self._memory["celsius"][0] = means.get(h, self._memory["celsius"][0])
-                out[h * FRAME_BINS : (h + 1) * FRAME_BINS, COLUMNS["temperature"]] = self._memory["celsius"]
+            count = np.bincount(frame[known], minlength=until - first)
+            total = np.bincount(frame[known], celsius[known], minlength=until - first)
+            with np.errstate(invalid="ignore"):
+                means = held_on(total / count, self._memory["celsius"][0])
+            self._memory["celsius"] = means[-1:].copy()
+            out[:, COLUMNS["temperature"]] = np.repeat(means, FRAME_BINS)
         for begins, ends, decided in self.jumps:
             # What is decided later must not matter, though this block may reach as far.
             if decided <= until * FRAME_S + 1e-9:
@@ -326,10 +324,9 @@ class BinMaker(Restorable):
         before = last if np.isfinite(last[0]) else (time[0] - 1e-3, position[0])
         self._memory["last"] = np.array([time[-1], position[-1]])
         dt, step = np.diff(time, prepend=before[0]), np.diff(position, prepend=before[1])
-        f = self.unit.friction
         forward, reverse = (
             np.array([b.coulomb, b.static, b.stribeck_velocity, b.stribeck_exponent])
-            for b in (f.forward, f.reverse)
+            for b in (self.unit.friction.forward, self.unit.friction.reverse)
         )
         out, film = np.empty(step.size), np.empty(step.size)
         stiffness = 0.5 * (forward[1] + reverse[1]) / PRESLIDING_TRAVEL_M

@@ -32,13 +32,6 @@ class Tracked(Restorable):
     Parameters
     ----------
     unit : profile. keep : keep all records of both estimators for trajectories.
-
-    Examples
-    --------
-    >>> tracked = Tracked(Unit.load("axis_a"))
-    >>> tracked.push(Samples([0.0], {"position": [0.0]}))
-    >>> tracked.channels
-    ()
     """
 
     STATE = (

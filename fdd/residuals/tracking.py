@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,25 +82,15 @@ def noise_of(unit: Unit) -> Noise:
 
     What the profile's `estimation` gives goes before both.
     """
-    noise, cylinder = Noise(), unit.cylinder
-    area = 0.5 * (cylinder.area_1 + cylinder.area_2)
-    speed = unit.pump.displacement * unit.drive.max_speed / area
-    force = area * unit.accumulator.relief_pressure
-    over = force / RATED_FORCE, speed / RATED_SPEED, cylinder.stroke / STROKE
-    for name, powers in LOAD_NOISE.items():
-        for field in (name, f"initial_{name}"):
-            if hasattr(noise, field):
-                setattr(noise, field, getattr(noise, field) * float(np.prod(np.power(over, powers))))
-    position = unit.sensor("position")
-    noise.position = max(noise.position, float(np.hypot(position.noise, position.resolution / np.sqrt(12.0))))
-    # Over so long the difference of two positions tells the velocity well enough.
-    noise.smoothing = float(np.sqrt(2.0)) * noise.position / (VELOCITY_ERROR * speed)
-    angle = unit.sensor("pump_angle")
-    noise.angle = max(noise.angle, float(np.hypot(angle.noise, angle.resolution / np.sqrt(12.0))))
+    noise = Noise()
+    position, angle = (
+        math.hypot(sensor.noise, sensor.resolution / math.sqrt(12.0))
+        for sensor in map(unit.sensor, ("position", "pump_angle"))
+    )
+    noise.position, noise.angle = max(noise.position, position), max(noise.angle, angle)
     chambers = [unit.sensor(c).noise for c in ("pressure_1", "pressure_2") if c in unit.sensors]
-    noise.pressure = max(chambers) if chambers and max(chambers) > 0 else noise.pressure
-    difference = unit.sensor("pressure_difference")
-    noise.pressure_difference = difference.noise or noise.pressure_difference
+    noise.pressure = max(chambers, default=0.0) or noise.pressure
+    noise.pressure_difference = unit.sensor("pressure_difference").noise or noise.pressure_difference
     noise.initial_gain = gain_spread(unit)
     modulus_std = unit.oil.std_of("bulk_modulus")
     if modulus_std is not None:
@@ -115,10 +106,8 @@ def noise_of(unit: Unit) -> Noise:
 
 def gain_spread(unit: Unit) -> float:
     """Standard deviation of the pump's gain: the profile's own, or a shipped profile's for another unit."""
-    known = unit.pump.provenance.get("displacement")
-    if known is None or known.std is None:
-        return Noise().initial_gain
-    return float(np.hypot(known.std / unit.pump.displacement, THERMAL_GAIN))
+    std = unit.pump.std_of("displacement")
+    return Noise().initial_gain if std is None else math.hypot(std / unit.pump.displacement, THERMAL_GAIN)
 
 
 def healthy_viscous(unit: Unit) -> float:

@@ -12,7 +12,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from estimators.compiled import compiler
-from fdd.faults import fault as catalogue_fault
 from fdd.restorable import Restorable
 from fdd.sensors.limits import NAMES, Array
 
@@ -96,10 +95,10 @@ class SensorFinding:
         'position_sensor_slip'
         """
         if self.kind in ("slip", "step") and self.channel == "position":
-            return catalogue_fault("position_sensor_slip").id
+            return "position_sensor_slip"
         if self.kind == "step" and self.channel.startswith("pressure"):
-            return catalogue_fault("pressure_sensor_bias").id
-        return catalogue_fault("sensor_dropout").id
+            return "pressure_sensor_bias"
+        return "sensor_dropout"
 
 
 class Memory(NamedTuple):

@@ -19,7 +19,6 @@ Mask = NDArray[np.bool_]
 
 NAMES = tuple(c for c in CHANNELS if c != "time")
 INDEX = {name: k for k, name in enumerate(NAMES)}
-CHAMBERS = ("pressure_1", "pressure_2")
 ANGLE, SPEED, POSITION = INDEX["pump_angle"], INDEX["pump_speed"], INDEX["position"]
 ONE, TWO, DIFFERENCE = INDEX["pressure_1"], INDEX["pressure_2"], INDEX["pressure_difference"]
 ACCUMULATOR = INDEX["pressure_accumulator"]
