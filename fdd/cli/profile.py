@@ -150,9 +150,6 @@ def identify(
     map_: command.MapOption = None,
     axis: command.AxisOption = None,
     name: Annotated[str | None, option("Name of the new profile; by default base, date, hash.")] = None,
-    add: Annotated[
-        Path | None, option("Narrow this identified profile with more logs.", metavar="PROFILE")
-    ] = None,
     accept: Annotated[bool, typer.Option(help="Write a profile that would be refused.")] = False,
     json_: command.JsonOption = None,
     verbose: Annotated[bool, typer.Option(help="Sensors and notes too.")] = False,
@@ -162,7 +159,7 @@ def identify(
     from fdd.identification.from_logs import identify_logs
 
     require_outputs(json_, out)
-    made = identify_logs(logs, base, map_, add=add, axis=axis, name=name, accept=accept, progress=progress)
+    made = identify_logs(logs, base, map_, axis=axis, name=name, accept=accept, progress=progress)
     found, judged, unit = made.found, made.judged, made.unit
     unit.save(out)
     write_json(json_, json.dumps(_as_data(made), indent=1, ensure_ascii=False))
@@ -193,7 +190,7 @@ def _as_data(made: Identified) -> dict[str, Any]:
         "table": [
             {"quantity": r.quantity, "unit": r.unit, "before": r.base, "after": r.identified, "std": r.std,
              "word": _word(r), "note": r.note}
-            for r in (*found.balances, *found.table)
+            for r in found.table
         ],
         "notes": found.notes,
     }  # fmt: skip
@@ -206,7 +203,7 @@ def _physics_table(found: Identification, *, sensors: bool, notes: bool) -> Tabl
     numbers = ("before", "after", "± (95 %)")
     heads, shape = ("quantity", *numbers, "unit", ""), {"collapse_padding": True, **NARROW}
     table = grid(heads, numbers=numbers, whole=("unit",), **shape)
-    rows = found.balances or [r for r in found.table if sensors or not r.quantity.startswith("sensors.")]
+    rows = [r for r in found.table if sensors or not r.quantity.startswith("sensors.")]
     for row in rows:
         factor, unit = SHOWN.get(row.unit, (1.0, row.unit))
         table.add_row(
@@ -215,7 +212,7 @@ def _physics_table(found: Identification, *, sensors: bool, notes: bool) -> Tabl
             f"{factor * (row.base if row.identified is None else row.identified):.4g}",
             "" if row.std is None else f"{float(f'{NORMAL_95 * factor * row.std:.2g}'):g}",
             unit,
-            _word(row) + (f" ({row.note})" if row.note and (notes or found.balances) else ""),
+            _word(row) + (f" ({row.note})" if row.note and notes else ""),
             style="dim" if row.identified is None else "",
         )
     return table

@@ -95,7 +95,6 @@ class Identification:
     table : what changed and what did not.
     notes : one sentence each: what was kept and why, what the numbers rest on.
     leakage : total of cross-port and half the case leakage; None where it stays the base's.
-    balances : of logs that were added to a profile: its healthy balances before and after.
     """
 
     unit: Unit
@@ -103,7 +102,6 @@ class Identification:
     source: str
     table: list[TableRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    balances: list[TableRow] = field(default_factory=list)
     leakage: Estimate | None = None
 
     def put(self, path: str, estimate: Estimate, note: str = "") -> None:

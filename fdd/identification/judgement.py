@@ -81,14 +81,12 @@ class Judgement:
 
 
 def judge(
-    found: Identification, unit: Unit, base: Unit, logs: Sequence[Samples], labels: Sequence[str], *,
-    more: bool = False,
-) -> Judgement:  # fmt: skip
+    found: Identification, unit: Unit, base: Unit, logs: Sequence[Samples], labels: Sequence[str]
+) -> Judgement:
     """Judge a new profile `unit`, with its baseline, that was `found` from all `logs` and made from `base`.
 
     Refused is what has another unit of measure, lies farther from the base than data sheets and
     manufacturing leave open, or was not healthy all along; at most 2 % of healthy sets are by chance.
-    With `more` the base is this unit's own profile, and the logs are added to it: they are held against it.
     """
     out = Judgement()
     ratios = against_base(found, base)
@@ -107,11 +105,11 @@ def judge(
         _far(out, ratios, base)
     compared: list[Comparison] = []
     if not out.refusals:  # of a wrong unit or base the rest only follows
-        compared = disagreement(base if more else found.unit, logs, labels, more=more)
+        compared = disagreement(found.unit, logs, labels)
         out.refusals += [c.sentence for c in compared if c.refused]
-        for text, sure in _unhealthy(base if more else unit, logs, labels):
+        for text, sure in _unhealthy(unit, logs, labels):
             (out.refusals if sure else out.limits).append(text)
-    _open_questions(out, found, ratios, compared, len(logs) + more, base)
+    _open_questions(out, found, ratios, compared, len(logs), base)
     return out
 
 
@@ -129,29 +127,15 @@ class Comparison:
         return self.p_value < DISAGREEING / len(BETWEEN)
 
 
-def disagreement(
-    unit: Unit, logs: Sequence[Samples], labels: Sequence[str], *, more: bool = False
-) -> list[Comparison]:
-    """Compare what each log alone identifies, by a chi-square test of each quantity.
-
-    The `unit` was identified from all of them or, with `more`, from other logs, and then counts as one.
-    """
-    if len(logs) + more < 2:
+def disagreement(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> list[Comparison]:
+    """Compare what each log of a `unit` alone identifies, by a chi-square test of each quantity."""
+    if len(logs) < 2:
         return []
     each = []
     for samples, label in zip(logs, labels, strict=True):
         ratios = alone(samples, unit, label, UNMEASURED)
         # Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
         each.append({name: (r.value, r.value * r.std) for name, r in ratios.items()})
-    if more:  # what the profile itself says, where it was identified
-        numbers = {
-            "pump.displacement": (unit.pump.displacement, unit.pump.std_of("displacement")),
-            "pump.leakage": (unit.pump.cross_port_leakage, unit.pump.std_of("cross_port_leakage")),
-            "drive.torque_constant": (unit.drive.torque_constant, unit.drive.std_of("torque_constant")),
-            "oil.bulk_modulus": (unit.oil.bulk_modulus, unit.oil.std_of("bulk_modulus")),
-        }
-        each.append({n: (1.0, std / value) for n, (value, std) in numbers.items() if std and value > 0.0})
-        labels = [*labels, f"profile {unit.name}"]
 
     def scatter(x: np.ndarray, weight: np.ndarray) -> float:
         return float(np.sum(weight * (x - np.average(x, weights=weight)) ** 2))
@@ -265,7 +249,7 @@ def _open_questions(
             f"a {which} one; compare with the maker's sheet"
         )
     if logs == 1:
-        out.remarks.append("one log: whether this unit's logs agree cannot be told; more go in by --add")
+        out.remarks.append("one log: whether this unit's logs agree cannot be told; give several")
     elif not any(c.logs > 1 for c in compared):
         out.limits.append("no quantity is sharp in two logs: whether they agree cannot be told")
     kept = {r.quantity for r in found.table if r.identified is None}

@@ -7,17 +7,15 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from made_units import calibration_logs, identified, random_unit, spread_unit, work
+from made_units import calibration_logs, identified, random_unit
 from scipy import signal
 from scipy.signal import butter, sosfilt
 from typer.testing import CliRunner
 
-from fdd import InputError, Samples, Scenario, identify
+from fdd import Samples, Scenario, identify
 from fdd.cli.app import app
 from fdd.cli.simulate import write_simulation
-from fdd.diagnosis.baseline import add_baseline
 from fdd.identification.friction import curve, fit_friction
-from fdd.identification.from_logs import add_logs
 from fdd.identification.identify import identify_unit
 from fdd.identification.record import Record, effective_noise, resolution, welch
 from fdd.plant import oil as plant_oil
@@ -153,9 +151,6 @@ def test_a_gain_of_two_is_no_volume() -> None:
     assert found.unit.oil.bulk_modulus == pytest.approx(2.0 * beta, rel=0.05)
 
 
-PLAN = (("strokes", "constant"), ("steps", "spring"), ("flight", "gust"), ("steps", "constant"))
-
-
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("strokes") / "one.mcap"
@@ -182,39 +177,3 @@ def test_it_gives_the_profile_of_the_command_line(log: Path, tmp_path: Path) -> 
     assert unit.baseline and unit.name.startswith("axis_a-")
     unit.save(tmp_path / "again.yaml")
     assert told(Unit.load(tmp_path / "again.yaml")) == told(unit)
-
-
-@pytest.fixture(scope="module")
-def logs() -> list[Samples]:
-    unit = spread_unit(4)
-    return [work(unit, 60 + k, duty=duty, load=load) for k, (duty, load) in enumerate(PLAN)]
-
-
-@pytest.fixture(scope="module")
-def profile(logs: list[Samples]) -> Unit:
-    return add_baseline(identify_unit(logs[:2], Unit.load("axis_a")).unit, logs[:2])
-
-
-def test_added_logs_count_as_if_all_had_been_there(logs, profile, monkeypatch):
-    """What the unit's logs differ by stays as the first ones told it (`moderation`), here as any unit's."""
-    monkeypatch.setattr("fdd.diagnosis.baseline.moderation", lambda name, logs, e: np.ones(len(e.mean)))
-    profile = add_baseline(profile, logs[:2])
-    found, added = add_logs(logs[2:], profile)
-    together = add_baseline(profile, logs)
-    assert added.baseline.seconds == pytest.approx(together.baseline.seconds)
-    assert set(added.baseline.balances) == set(together.baseline.balances)
-    for name, one in added.baseline.balances.items():
-        other, before = together.baseline.balances[name], profile.baseline.balances[name]
-        std, std_all = (np.sqrt(np.diag(np.array(b.covariance))) for b in (one, other))
-        assert np.all(np.abs(np.array(one.mean) - other.mean) < 0.5 * std_all), name
-        np.testing.assert_allclose(std, std_all, rtol=0.05)
-        assert np.all(std <= np.sqrt(np.diag(np.array(before.covariance))) * (1.0 + 1e-6))
-        assert one.noise == pytest.approx(other.noise, rel=0.25)
-    assert {row.quantity for row in found.balances} >= {"leakage", "travel per rad of the pump"}
-    assert added.pump == profile.pump and added.cylinder == profile.cylinder
-
-
-def test_a_profile_without_its_balances_takes_no_logs(logs: list[Samples], profile: Unit) -> None:
-    for baseline in (None, profile.baseline.model_copy(update={"version": "5"})):
-        with pytest.raises(InputError, match="no healthy baseline of this version"):
-            add_logs(logs[2:3], profile.model_copy(update={"baseline": baseline}))
