@@ -185,8 +185,7 @@ class BalanceBaseline(Section):
     information : of all frames. scatter : sum of squares of the scores of stretches of 2 s, which the
     information would equal if all errors were independent; empty in older profiles.
     moderation : this unit's log-to-log variances over the population's; empty for the same.
-    hops, hop_noise : how many frames told something, and quantiles of their rows' std from the least to the
-    largest in even steps, for logs that are added later; empty in older profiles.
+    hops : how many frames told something. hop_noise : what older versions wrote, and nothing reads.
     """
 
     columns: Annotated[list[str], Field(min_length=1, max_length=64)]

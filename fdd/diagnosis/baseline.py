@@ -29,11 +29,8 @@ Sums = tuple[Array, Array, Array, Array]
 
 LEAST_BASELINE_FRAMES = 10
 BASELINE_VERSION = "17"
-RESCALED = {"refeed": tuple(str(version) for version in range(16))}
+RESCALED = {"refeed": {str(version) for version in range(16)}}
 """Balance to versions whose columns had another scale: what they learnt of it counts for nothing."""
-QUANTILES = 21
-"""Quantiles of the frames' noise in a baseline: the median of all logs can still be computed when logs are
-added."""
 PRIOR_LOGS = 3.0
 """Logs that the population's variance counts for in a unit's own: see `moderation`."""
 ITERATIONS = 5
@@ -77,79 +74,47 @@ def add_baseline(unit: Unit, logs: Sequence[Samples], spreads: Spreads | None = 
     return out
 
 
-def baseline_of(
-    histories: Sequence[BalanceHistory], known: Baseline | None = None, spreads: Spreads | None = None
-) -> Baseline:
-    """The baseline of the balance histories of healthy logs.
+def baseline_of(histories: Sequence[BalanceHistory], spreads: Spreads | None = None) -> Baseline:
+    """The baseline of the balance histories of healthy logs, by `histories_of`.
 
     Each log's coefficients are a draw of what differs from log to log about the unit's own, so three short
-    logs determine a unit better than one long one.
-
-    Parameters
-    ----------
-    histories : of logs, by `histories_of`.
-    known : baseline of other logs of the unit on the same profile, which these are added to: normal
-        equations add up, and so do the frames' noises; where a law's own errors are the noise, its variance
-        is the geometric mean by time. What the unit's logs differ by stays as those told it.
-    spreads : what healthy units and logs differ by; None takes the shipped ones.
+    logs determine a unit better than one long one. `spreads` are what healthy units and logs differ by; None
+    takes the shipped ones.
 
     Raises
     ------
     InputError : the logs are too short.
     """
-    frames = sum(len(x.frames) for x in histories)
-    before = 0.0 if known is None else known.seconds
-    if frames * FRAME_S + before < LEAST_BASELINE_FRAMES * FRAME_S:
-        problem = f"healthy logs of {frames * FRAME_S:.0f} s in all are too short"
-        mend = f"record at least {LEAST_BASELINE_FRAMES * FRAME_S:.0f} s of healthy motion"
-        raise InputError(problem, mend=mend)
+    seconds = FRAME_S * sum(len(x.frames) for x in histories)
+    if seconds < (least := LEAST_BASELINE_FRAMES * FRAME_S):
+        problem = f"healthy logs of {seconds:.0f} s in all are too short"
+        raise InputError(problem, mend=f"record at least {least:.0f} s of healthy motion")
     found: dict[str, BalanceBaseline] = {}
     for name in BALANCES:
-        old = None if known is None else known.balances.get(name)
         logs = [(x.sums()[name], c) for x in histories if (c := x.conditions(name)) is not None]
         if logs:
-            share = 0.0 if old is None else before / (before + frames * FRAME_S)
             sums, conditions = zip(*logs, strict=True)
             effects = first_effects(name, spreads, histories[0].unit)
-            found[name] = _balance(effects, name, sums, conditions, old, share)
-        elif old is not None:
-            found[name] = old
-    return Baseline(version=BASELINE_VERSION, seconds=round(before + frames * FRAME_S, 1), balances=found)
+            found[name] = _balance(effects, name, sums, conditions)
+    return Baseline(version=BASELINE_VERSION, seconds=round(seconds, 1), balances=found)
 
 
 def _balance(
-    effects: Effects, name: str, sums: Sequence[Sums], conditions: Sequence[LogConditions],
-    old: BalanceBaseline | None, share_old: float,
-) -> BalanceBaseline:  # fmt: skip
+    effects: Effects, name: str, sums: Sequence[Sums], conditions: Sequence[LogConditions]
+) -> BalanceBaseline:
     information = np.linalg.inv(effects.known)
     vector = information @ effects.mean
     total, scatter = np.zeros_like(information), np.zeros_like(information)
-    frames = np.sqrt(np.concatenate([s[r > 0] for _, _, r, s in sums]))
-    levels, weights = frames, np.ones(frames.size)
-    if old is not None:
-        information = np.linalg.inv(np.array(old.covariance))
-        vector = information @ np.array(old.mean)
-        total, scatter = (total + np.array(x) if x else total for x in (old.information, old.scatter))
-        known = old.hop_noise or [old.noise]
-        share_each = max(old.hops, 1) / len(known)
-        levels, weights = np.append(frames, known), np.append(weights, np.full(len(known), share_each))
-    order = np.argsort(levels)
-    place = (np.cumsum(weights[order]) - 0.5 * weights[order]) / weights.sum()
-    quantiles = np.interp(np.linspace(0.0, 1.0, QUANTILES), place, levels[order])
-    noise = float(np.median(frames) if old is None else np.interp(0.5, place, levels[order])) ** 2
+    frames = np.concatenate([s[r > 0] for _, _, r, s in sums])
+    noise = float(np.median(np.sqrt(frames))) ** 2
     if BALANCES[name].cumulative:  # a load's errors are those of its log, a chamber's those of the unit
         noise = structural_variance(sums, effects, noise)
-        if old is not None:
-            noise = float(noise ** (1.0 - share_old) * old.noise ** (2.0 * share_old))
     weighted = []
     for m, v, rows, variance in sums:
         share = np.minimum(variance / noise, 1.0)
         weighted.append((m * share[:, None, None], v * share[:, None], rows, variance))
-    if old is None:
-        logs = [log_equations(name, s, c, effects) for s, c in zip(weighted, conditions, strict=True)]
-        factor = moderation(name, logs, effects)
-    else:
-        factor = np.array(old.moderation or np.ones(len(old.columns)))
+    logs = [log_equations(name, s, c, effects) for s, c in zip(weighted, conditions, strict=True)]
+    factor = moderation(name, logs, effects)
     effects = moderated(effects, factor)
     for (m, v, _, _), each in zip(weighted, conditions, strict=True):
         spread = np.sqrt(effects.between_logs(each))
@@ -165,7 +130,7 @@ def _balance(
         covariance=[_rounded(row) for row in 0.5 * (covariance + covariance.T)],
         information=[_rounded(row) for row in total], scatter=[_rounded(row) for row in scatter],
         moderation=_rounded(factor, 4), noise=float(f"{np.sqrt(noise):.5g}"),
-        hops=round(float(weights.sum())), hop_noise=_rounded(quantiles, 4),
+        hops=frames.size,
     )  # fmt: skip
 
 
@@ -208,24 +173,22 @@ def effects_of(unit: Unit, spreads: Spreads | None = None) -> dict[str, Effects]
 
     `spreads` are what healthy units differ by, of a model; None takes the shipped ones.
     """
-    out = {}
-    for name in BALANCES:
-        effects = first_effects(name, spreads, unit)
-        known = None if unit.baseline is None else unit.baseline.balances.get(name)
-        if unit.baseline is not None and unit.baseline.version in RESCALED.get(name, ()):
-            known = None
-        if known is not None and known.columns == list(BALANCES[name].columns):
-            effects = replace(
-                effects, mean=np.array(known.mean), known=np.array(known.covariance), noise=known.noise
-            )
-            if known.information and unit.baseline is not None and unit.baseline.version == BASELINE_VERSION:
-                # Of another version it is about another wander.
-                information, scatter = np.array(known.information), np.array(known.scatter)
-                effects = replace(effects, information=information, scatter=scatter)
-            if known.moderation:
-                effects = moderated(effects, np.array(known.moderation))
-            effects = with_logs(effects, usual_conditions(known.noise))
-        out[name] = effects
+    out = {name: first_effects(name, spreads, unit) for name in BALANCES}
+    if unit.baseline is None:
+        return out
+    version = unit.baseline.version
+    for name, known in unit.baseline.balances.items():
+        columns = BALANCES[name].columns if name in BALANCES else ()
+        if known.columns != list(columns) or version in RESCALED.get(name, ()):
+            continue
+        mean, covariance = np.array(known.mean), np.array(known.covariance)
+        effects = replace(out[name], mean=mean, known=covariance, noise=known.noise)
+        if known.information and version == BASELINE_VERSION:  # of another version it is about another wander
+            information, scatter = np.array(known.information), np.array(known.scatter)
+            effects = replace(effects, information=information, scatter=scatter)
+        if known.moderation:
+            effects = moderated(effects, np.array(known.moderation))
+        out[name] = with_logs(effects, usual_conditions(known.noise))
     return out
 
 

@@ -15,18 +15,13 @@ def histories() -> list[BalanceHistory]:
     return histories_of(Unit.load("axis_a"), [simulated(seed, load) for seed, load in HEALTHY])
 
 
-def test_logs_that_are_added_count_as_if_they_had_been_there(histories: list[BalanceHistory]) -> None:
+def test_three_logs_tell_a_unit_better_than_one(histories: list[BalanceHistory]) -> None:
     whole, first = baseline_of(histories), baseline_of(histories[:1])
-    added = baseline_of(histories[1:], first)
-    assert added.seconds == pytest.approx(whole.seconds) == pytest.approx(3.0 * 32.0, abs=1.5)
-    assert added.balances.keys() == whole.balances.keys()
-    for name, one in added.balances.items():
-        other, alone = whole.balances[name], first.balances[name]
-        assert one.hops == other.hops > alone.hops
-        assert one.noise == pytest.approx(other.noise, rel=0.25), name
-        assert one.hop_noise == sorted(one.hop_noise)
+    assert whole.seconds == pytest.approx(3.0 * 32.0, abs=1.5)
+    for name, other in whole.balances.items():
+        alone = first.balances[name]
+        assert other.hops > alone.hops
         std, std_alone = (np.sqrt(np.diag(np.array(b.covariance))) for b in (other, alone))
-        assert np.abs((np.array(one.mean) - other.mean) / std).max() < 1.0, name
         assert (std <= 1.001 * std_alone).all(), name
         # Three alike logs leave 1 / √(3 - 2 r²) of r = std_alone / units, 0.6 to 0.7 here; under three loads
         # they tell a pressure's gain unequally.
