@@ -183,12 +183,10 @@ def invisible(evidence: Evidence, hypotheses: Sequence[Hypothesis], threshold: f
     for name in (n for n in CATALOGUE if n in ways):
         least, h = max(ways[name], key=lambda way: way[0])
         parts = [(_smaller(x), way.prior_weight) for x, way in ways[name]]
-        several = len(parts) > 1
+        way = {"side": h.side, "channel": h.channel, "variant": h.variant} if len(parts) > 1 else {}
         out.append(Invisible(
             fault=name, severity=math.ceil(100.0 * least) / 100.0 if math.isfinite(least) else None,
-            hidden=round(sum(p * c for p, c in parts) / sum(c for _, c in parts), 3),
-            side=h.side if several else None, channel=h.channel if several else None,
-            variant=h.variant if several else None,
+            hidden=round(sum(p * c for p, c in parts) / sum(c for _, c in parts), 3), **way,
         ))  # fmt: skip
     return out
 

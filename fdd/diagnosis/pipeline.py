@@ -43,7 +43,8 @@ SCAN_FRAMES, VERDICT_FRAMES = 10, 16
 """Frames between two evaluations of the evidence (5 s), and the fewest that allow a verdict (8 s)."""
 WINDOW_FRAMES = 300
 """Frames that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "28"
+STATE_VERSION = "27"
+"""Of the state of all its parts: sensors, filters, bins, balances, detectors."""
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Evaluations in a minute, and how many a monitor remembers: an hour."""
 EPOCHS = Stretches(frames=1, least=1.0)
@@ -111,9 +112,6 @@ class Pipeline(Restorable):
         self._scans: list[tuple[float, float]] = []
         self.fitted: list[Amplitude] = []
         self.score = 0.0
-
-    def __repr__(self) -> str:
-        return f"Pipeline(unit={self.unit.name!r}, axis={self.axis!r}, samples={self._count})"
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from fdd.errors import InputError
-from fdd.restorable import Restorable, packed, unpacked
+from fdd.restorable import Restorable
 from fdd.samples import Samples
 from fdd.sensors.finding import FAILING, Memory, SensorFinding, SensorFindings, njit
 from fdd.sensors.judge import FrameJudge
@@ -17,7 +16,6 @@ from fdd.sensors.limits import DIFFERENCE, INDEX, NAMES, ONE, TWO, Array, Limits
 from fdd.sensors.scan import FRAME_S
 from fdd.unit import Unit
 
-STATE_VERSION = "4"
 TAIL_S = 0.3
 """s of a frame that are judged once more with the next one."""
 BACK_S = 0.05
@@ -58,9 +56,6 @@ class SensorWatch(Restorable):
         self._parts: list[tuple[Array, Array, Mask]] = []
         self._findings = SensorFindings(Memory.new())
         self._judge = FrameJudge(self._limits, self._findings)
-
-    def __repr__(self) -> str:
-        return f"SensorWatch(unit={self.unit.name!r}, findings={len(self._findings.by_onset())})"
 
     def push(self, samples: Samples) -> Samples:
         """The same samples, with NaN where a value must not be trusted.
@@ -151,16 +146,6 @@ class SensorWatch(Restorable):
         tail = slice(int(np.searchsorted(time, end - TAIL_S)), None)
         self._tail = time[tail].copy(), values[:, tail].copy()
         self._parts = []
-
-    def state(self) -> dict[str, Array]:
-        """Everything as flat named arrays; `restore` takes it back."""
-        return super().state() | {"sensors": packed([STATE_VERSION, self.unit.name])}
-
-    def restore(self, state: Mapping[str, Array]) -> None:
-        """Go on from a state that `state` gave. Raises InputError: of another version or unit."""
-        if unpacked(state["sensors"]) != [STATE_VERSION, self.unit.name]:
-            raise InputError("saved state of another version or unit", mend="start anew")
-        super().restore(state)
 
 
 @njit(nogil=True)

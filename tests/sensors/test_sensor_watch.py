@@ -258,12 +258,10 @@ def test_channels_may_come_and_go() -> None:
     assert (found.channel, found.kind) == ("pressure_2", "dropout")
 
 
-def test_time_that_stands_and_a_state_of_another_unit_are_refused() -> None:
+def test_time_that_stands_is_refused() -> None:
     row = Samples([1.0], {"position": [0.0]})
     watch = watched(row)
     assert "order of time" in refused(lambda: watch.push(row))
-    other = SensorWatch(Unit.load("axis_b"))
-    assert "another version or unit" in refused(lambda: other.restore(watch.state()))
 
 
 @pytest.mark.parametrize("rate", [500.0, 1000.0])
