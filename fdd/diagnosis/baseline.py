@@ -63,12 +63,7 @@ def histories_of(unit: Unit, logs: Sequence[Samples]) -> list[BalanceHistory]:
 
 def add_baseline(unit: Unit, logs: Sequence[Samples], spreads: Spreads | None = None) -> Unit:
     """A copy of the unit with the baseline of these healthy logs, which it was identified from; see
-    `baseline_of`.
-
-    Raises
-    ------
-    InputError : the logs are too short.
-    """
+    `baseline_of`. Raises InputError: the logs are too short."""
     out = unit.model_copy(deep=True)
     out.baseline = baseline_of(histories_of(unit, logs), spreads=spreads)
     return out
@@ -139,11 +134,8 @@ def structural_variance(sums: Sequence[Sums], effects: Effects, found: float) ->
 
     A frame's own least squares follows such errors and leaves small residuals. The distance of its
     coefficients from the log's, in units of a row's variance and per coefficient, is the mean square between
-    groups of an analysis of variance; the median over frames is taken.
-
-    Parameters
-    ----------
-    effects : before any log was seen. found : variance to start from.
+    groups of an analysis of variance; the median over frames is taken. `effects` are those before any log was
+    seen, `found` is the variance to start from.
     """
     std = np.sqrt(np.diag(effects.covariance))
     prior = 1.0 / np.square(std)
@@ -248,13 +240,8 @@ class LogEffects(NamedTuple):
 
 
 def log_effects(information: Array, vector: Array, variances: Array, mean: Array, units: Array) -> LogEffects:
-    """Expectations of a unit's random effects.
-
-    Parameters
-    ----------
-    information, vector : (l, n, n) and (l, n) of its logs. variances : (l, n) of their departures.
-    mean, units : (n,) of units' coefficients, and their variance.
-    """
+    """Expectations of a unit's random effects, by information (l, n, n) and vectors (l, n) of its logs, the
+    variances (l, n) of their departures, and mean and variance (n,) of units' coefficients."""
     scale = np.sqrt(variances)
     inside = np.linalg.inv(np.eye(mean.size) + information * scale[:, :, None] * scale[:, None, :])
     v = inside * scale[:, :, None] * scale[:, None, :]
@@ -274,12 +261,8 @@ def log_effects(information: Array, vector: Array, variances: Array, mean: Array
 def moderation(name: str, logs: Sequence[tuple[Array, Array, LogConditions]], effects: Effects) -> Array:
     """A unit's log-to-log variance of each coefficient over the population's, (columns,); 1 for the load's.
 
-    Its likeliest value under an inverse gamma prior about 1, by expectation maximisation: logs that tell
-    nothing leave it at 1.
-
-    Parameters
-    ----------
-    logs : by `log_equations`.
+    Its likeliest value under an inverse gamma prior about 1, by expectation maximisation over logs as
+    `log_equations` gives them: those that tell nothing leave it at 1.
     """
     own = BALANCES[name].own
     information, vector = (np.array([log[k] for log in logs]) for k in (0, 1))

@@ -214,13 +214,9 @@ def _part(
 ) -> tuple[Array, Array, Array]:
     """One balance's scores (…, f, p) and information (…, f, p, p) of the amplitudes, healthy changes of the
     coefficients marginalised; and how much information a relative increase of the variance from log to log
-    costs.
+    costs. `g` (f, p, n) are columns, `time_profiles` (f, p, h).
 
-    Noise of κ times the variance is a prior of κ times the precision, and all information divided by κ.
-
-    Parameters
-    ----------
-    g : (f, p, n) columns. time_profiles : (f, p, h). overdispersion : (…, f), κ.
+    Noise of κ (…, f) times the variance is a prior of κ times the precision, and all information over κ.
     """
     f, p, n = g.shape
     flat = e.information.reshape(len(e.information), -1)

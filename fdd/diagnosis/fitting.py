@@ -265,13 +265,10 @@ def _scatter(u: Array, w: Array, time_profiles: Array, known: Array, blocks: Ind
 
     It is estimated on healthy time: on the unit's baseline in the fault's direction (`known_scatter`), and on
     the log's stretches in which the fault does not act (on all, where it always acts). The fault's own time
-    is left out, since a law that fits it badly would make the fault look like chance. The baseline counts as
-    `PRIOR_FREEDOM` degrees of freedom (moderated variance: Smyth 2004, doi 10.2202/1544-6115.1027).
-
-    Parameters
-    ----------
-    u, w : (f, stretches) scores and information. time_profiles : (f, h) of the faults. known : (f,) by the
-        baseline. blocks : first frames of stretches.
+    is left out, since a law that fits it badly would make the fault look like chance. The baseline, by which
+    it is `known` (f,), counts as `PRIOR_FREEDOM` degrees of freedom (moderated variance: Smyth 2004, doi
+    10.2202/1544-6115.1027). `u`, `w` (f, stretches) are scores and information of stretches, which begin with
+    frames `blocks`.
     """
     lengths = np.diff(np.append(blocks, time_profiles.shape[1]))
     acts = np.add.reduceat(np.minimum(time_profiles, 1.0), blocks, axis=1) / lengths

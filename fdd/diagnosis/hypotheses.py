@@ -67,32 +67,15 @@ class Hypothesis:
     ends: str | None = None
 
 
-@dataclass(frozen=True)
 class HealthyUnit:
     """What signatures may ask (see `fdd.faults.Healthy`)."""
 
-    effects: dict[str, Effects]
-    scales: Scales
-
-    @property
-    def leakage_ratio(self) -> float:
-        """Internal leakage of severity 1 over the healthy one."""
-        return self.scales.fault_leakage / self.scales.leakage
-
-    @property
-    def speed_ratio(self) -> float:
-        """Largest speed of the drive over 100 rad/s."""
-        return self.scales.speed / 100.0
-
-    @property
-    def relief_ratio(self) -> float:
-        """Relief setting over the drop of a sound refeeding valve at the pump's full flow."""
-        return self.scales.pressure / self.scales.valve
-
-    @property
-    def charge_ratio(self) -> float:
-        """Absolute pressure of the accumulator over that drop."""
-        return self.scales.charge / self.scales.valve
+    def __init__(self, effects: dict[str, Effects], scales: Scales) -> None:
+        self.effects = effects
+        self.leakage_ratio = scales.fault_leakage / scales.leakage
+        self.speed_ratio = scales.speed / 100.0
+        self.relief_ratio = scales.pressure / scales.valve
+        self.charge_ratio = scales.charge / scales.valve
 
     def mean(self, balance: str, column: str) -> float:
         """Coefficient of that column while the unit is healthy."""
@@ -102,9 +85,7 @@ class HealthyUnit:
 def hypotheses(unit: Unit, effects: dict[str, Effects]) -> list[Hypothesis]:
     """All signatures of the catalogue for a unit.
 
-    Raises
-    ------
-    InputError : a package's fault names what the balances do not have.
+    Raises InputError: a package's fault names what the balances do not have.
     """
     healthy = HealthyUnit(effects, Scales.of(unit))
     out = []
@@ -145,11 +126,8 @@ def coming_and_going(log_odds: Array) -> tuple[Array, Array]:
     """Posterior probabilities (h,) that a fault has begun by each frame, and that it acts in it.
 
     By a hidden Markov chain of the states not yet, acting and away; forward and backward recursions as in
-    Rabiner 1989 (doi 10.1109/5.18626).
-
-    Parameters
-    ----------
-    log_odds : (h,), log likelihood ratio of each frame's rows, the fault acting against not.
+    Rabiner 1989 (doi 10.1109/5.18626). `log_odds` (h,) are the log likelihood ratios of each frame's rows,
+    the fault acting against not.
     """
     odds = np.exp(np.clip(log_odds, -MOST_ODDS, MOST_ODDS))
     likelihood = np.column_stack([np.ones_like(odds), odds, np.ones_like(odds)])

@@ -149,12 +149,7 @@ class Calibration(BaseModel):
 
 
 class Model(BaseModel):
-    """A learnt layer on top of the evidence.
-
-    Raises
-    ------
-    InputError : from `load`, naming file and field.
-    """
+    """A learnt layer on top of the evidence."""
 
     model_config = ConfigDict(populate_by_name=True, extra="forbid", allow_inf_nan=False, strict=True)
     schema_: Literal["fdd.model/5"] = Field(default="fdd.model/5", alias="schema")
@@ -198,7 +193,7 @@ class Model(BaseModel):
 
     @classmethod
     def load(cls, path: str | Path | None = None) -> Model:
-        """Read a model file; None takes the shipped one."""
+        """Read a model file; None takes the shipped one. Raises InputError: names file and field."""
         mend = "give a file that fdd train wrote"
         where = SHIPPED if path is None else str(path)
         file = Path(__file__).with_name(SHIPPED) if path is None else Path(path)

@@ -79,10 +79,8 @@ class ActiveFaults:
     ) -> tuple[list[FaultFinding], list[tuple[float, float]]]:
         """Update by an evaluation; `oldest` (s) of the evidence that is kept.
 
-        Returns
-        -------
-        New findings, and intervals (s) of faults that have ended, whose frames must be dropped: to the
-        reference they would look like another fault.
+        Returns new findings, and intervals (s) of faults that have ended, whose frames must be dropped: to
+        the reference they would look like another fault.
         """
         seen = {f.family: f for f in reversed(evaluation.findings)}
         over = []

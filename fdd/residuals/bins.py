@@ -111,16 +111,9 @@ class BinMaker(Restorable):
         }
 
     def push(self, samples: Samples | None) -> tuple[int, Array]:
-        """Bins of the frames that the samples complete, `together` at a time.
-
-        Parameters
-        ----------
-        samples : next block; None closes the log: what waits is given as a last frame.
-
-        Returns
-        -------
-        first frame's index, (frames * FRAME_BINS, len(COLUMNS)) means; NaN where a bin has no data.
-        """
+        """Index of the first, and bins (frames * FRAME_BINS, len(COLUMNS)), of the frames that the next block
+        completes, `together` at a time; NaN where a bin has no data. None closes the log: what waits is given
+        as a last frame."""
         if samples is not None and len(samples):
             if self.frame < 0:
                 self.frame = self._first = int(np.floor(samples.time[0] / FRAME_S + 1e-9))

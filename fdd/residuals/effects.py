@@ -134,13 +134,9 @@ def usual_conditions(noise: float) -> LogConditions:
 
 
 def first_effects(name: str, spreads: Spreads | None = None, unit: Unit | None = None) -> Effects:
-    """Effects of a unit of which no healthy balances are known.
-
-    Parameters
-    ----------
-    name : of the balance. spreads : of a model; None takes the shipped ones. unit : profile, whose stated
-        doubt about its displacement is the volume balance's about its gain.
-    """
+    """Effects in one balance of a unit of which no healthy balances are known, by a model's `spreads` (None
+    takes the shipped ones). A profile's stated doubt about its displacement is the volume balance's about its
+    gain."""
     spread = (spreads or shipped_spreads()).balances[name]
     each = [spread.coefficients[c] for c in BALANCES[name].columns]
     mean, units, within, wander = (
@@ -178,15 +174,11 @@ def viscous_change(name: str, mean: Array) -> Array:
 
 
 def duty_profiles(duty: Array) -> Array:
-    """Profiles (h, j) over frames of what a law errs by as its duty changes within a log.
+    """Profiles (h, j) of what a law errs by as the duty changes in a log, load and speed (h, 2) of frames.
 
     The error is a Gaussian process over the duty, as in Kennedy and O'Hagan 2001 (doi
     10.1111/1467-9868.00294), with an exponential covariance and the variance from log to log; about its mean
     in the log it is the sum of these profiles times independent variables of that variance.
-
-    Parameters
-    ----------
-    duty : (h, 2), load and speed of the frames.
     """
     # All frames in one cell of half a scale err alike: the matrix stays small.
     cells, place, count = np.unique(

@@ -27,12 +27,8 @@ LINE_LOSS = 0.015
 
 
 def outlet_loss(unit: Unit, speed: Array, side: int) -> Array:
-    """Pa (n,) by which the port of a chamber, where its check valve sits, may lie below it.
-
-    Parameters
-    ----------
-    speed : (n,) rad/s of the pump, which empties chamber 1 while it is negative. side : 1 or 2.
-    """
+    """Pa (n,) by which the port of chamber 1 or 2, where its check valve sits, may lie below it at a speed
+    (n,) rad/s of the pump, which empties chamber 1 while it is negative."""
     share = np.minimum(speed if side == 1 else -speed, 0.0) / unit.drive.max_speed
     return np.asarray(LINE_LOSS * unit.accumulator.relief_pressure * share**2)
 
@@ -206,9 +202,7 @@ def _of_late(there: Flags) -> Flags:
 
 def change(column: Array) -> Array:
     """Change from the bin before, (n,); NaN first."""
-    out = np.full(column.shape, np.nan)
-    out[1:] = column[1:] - column[:-1]
-    return out
+    return np.diff(column, prepend=np.nan)
 
 
 def central(column: Array) -> Array:

@@ -61,11 +61,7 @@ class SensorWatch(Restorable):
         """The same samples, with NaN where a value must not be trusted.
 
         A failed channel is NaN from the verdict on, single impossible rows at once. Spikes and slips leave a
-        channel usable; a slip's step is in `findings`.
-
-        Raises
-        ------
-        InputError : time that does not go on from the last block.
+        channel usable; a slip's step is in `findings`. Raises InputError: time that does not go on.
         """
         n = len(samples)
         if not n:
