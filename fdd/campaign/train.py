@@ -21,7 +21,8 @@ from fdd import __version__
 from fdd.campaign.dataset import SPLITS, Dataset, How, over_units
 from fdd.campaign.labels import HEALTHY, Entry
 from fdd.campaign.spreads import identified_unit
-from fdd.diagnosis.answering import Z80, hidden_share
+from fdd.diagnosis.answering import hidden_share
+from fdd.diagnosis.evidence import Z80
 from fdd.diagnosis.findings import FaultFinding
 from fdd.diagnosis.model import AlarmTail, Calibration, Model, odds_of, root
 from fdd.diagnosis.pipeline import Pipeline

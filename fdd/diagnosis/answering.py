@@ -11,7 +11,7 @@ import numpy as np
 
 import fdd
 from fdd.diagnosis.decision import USUAL_SIZE, Found
-from fdd.diagnosis.evidence import Evidence, there_before
+from fdd.diagnosis.evidence import Z80, Evidence, there_before
 from fdd.diagnosis.findings import Diagnosis, FaultFinding, Invisible, present
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.model import Model
@@ -21,8 +21,6 @@ from fdd.residuals.bins import BLOCK_FRAMES, FRAME_S
 from fdd.residuals.compiled import Array
 from fdd.sensors.finding import SensorFinding
 
-Z80 = 1.2816
-"""Standard normal's 90 % quantile: an 80 % interval either way."""
 LEAST_SHOWN = 2.0
 """Severity beyond which a fault counts as invisible: twice the gross one."""
 MOST_SPREAD = 3.0

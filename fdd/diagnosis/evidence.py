@@ -40,8 +40,8 @@ to log of the healthy unit."""
 LEAST_GAIN = 2.0
 """Nats of log likelihood ratio up to which a fault is not fitted: its score, less by what a free amplitude
 gains by chance, is about 0 at most."""
-NINE_IN_TEN = 1.2816
-"""90 % quantile of the standard normal distribution."""
+Z80 = 1.2816
+"""Standard normal's 90 % quantile: an 80 % interval either way."""
 TIMING_DOUBT = 0.1
 """Error of a time profile as a share of the fault's effect, for no fault keeps to a line: with it 80 %
 intervals held the onset of 79 % of 200 simulated faults, with 0.08 of 77 %."""
@@ -359,7 +359,7 @@ class Evidence:
         wanted = score + 0.5 * np.log1p(scale**2 * found.information) - np.log(prior_weight)
         ratio = as_normal(wanted.clip(0.0), freedom(likely.healthy, blocks))
         least = np.sqrt(2.0 * ratio / likely.information.clip(1e-300))
-        out[mine] = least + NINE_IN_TEN / np.sqrt(found.information)
+        out[mine] = least + Z80 / np.sqrt(found.information)
         return out
 
     def correlations(self, one: Amplitude, others: Sequence[Hypothesis]) -> Array:

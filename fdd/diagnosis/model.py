@@ -5,7 +5,6 @@ worth. It is small data: two curves, with where they come from, which ``fdd trai
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from functools import partial
 from operator import eq
@@ -17,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fdd.bounds import MAX_MODEL_BYTES
 from fdd.diagnosis.findings import is_none
-from fdd.errors import InputError, input_error
+from fdd.errors import input_error
 from fdd.faults import ADDED_BY, fault
 from fdd.files import write_text
 from fdd.residuals.compiled import Array
@@ -194,18 +193,13 @@ class Model(BaseModel):
     @classmethod
     def load(cls, path: str | Path | None = None) -> Model:
         """Read a model file; None takes the shipped one. Raises InputError: names file and field."""
-        mend = "give a file that fdd train wrote"
         where = SHIPPED if path is None else str(path)
         file = Path(__file__).with_name(SHIPPED) if path is None else Path(path)
-        text = yaml_text(file, "model file", MAX_MODEL_BYTES, mend)  # as bounded as a profile's
+        text = yaml_text(file, "model file", MAX_MODEL_BYTES, "give a file that fdd train wrote")
         try:
-            return cls.model_validate(json.loads(text))
-        except json.JSONDecodeError as error:
-            raise InputError(f"line {error.lineno}: not JSON", where=where, mend=mend) from None
+            return cls.model_validate_json(text)
         except ValidationError as error:
             raise input_error(error, where, "train the model anew") from None
-        except (ValueError, RecursionError):  # a figure of thousands of digits, or nested without end
-            raise InputError("not a model", where=where, mend=mend) from None
 
     def save(self, path: str | Path) -> None:
         """Write the model whole or not at all."""
