@@ -9,6 +9,7 @@ from operator import is_, not_
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 import fdd
@@ -17,8 +18,6 @@ from fdd.faults import CATALOGUE, FAMILIES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from fdd.residuals.compiled import Array, Flags
 
 ESTIMATED: dict[str, tuple[str, str, str]] = {
     "leakage": ("m^3/(s*Pa)", "1e-12 m³/(s·Pa)", "Leakage coefficient"),
@@ -265,18 +264,18 @@ class Trajectories:
         score from which the log in hand is rather faulty than healthy. probabilities : family to (m,).
     """
 
-    time: Array
-    estimates: dict[str, dict[str, Array]]
-    stds: dict[str, dict[str, Array]]
-    observable: dict[str, Flags]
-    nis: dict[str, Array]
-    window_time: Array
+    time: NDArray[np.float64]
+    estimates: dict[str, dict[str, NDArray[np.float64]]]
+    stds: dict[str, dict[str, NDArray[np.float64]]]
+    observable: dict[str, NDArray[np.bool_]]
+    nis: dict[str, NDArray[np.float64]]
+    window_time: NDArray[np.float64]
     feature_names: list[str]
-    features: Array
-    statistic: Array
+    features: NDArray[np.float64]
+    statistic: NDArray[np.float64]
     threshold: float
     even: float = np.nan
-    probabilities: dict[str, Array] = field(default_factory=dict)
-    held: dict[str, Array] = field(default_factory=dict)
-    held_std: dict[str, Array] = field(default_factory=dict)
-    information_std: dict[str, Array] = field(default_factory=dict)
+    probabilities: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    held: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    held_std: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    information_std: dict[str, NDArray[np.float64]] = field(default_factory=dict)
