@@ -25,7 +25,7 @@ from estimators.eha import layout
 from estimators.eha import model as eha
 from fdd.identification.identify import identify_unit
 from fdd.logs import ChannelMap, read_log
-from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
+from fdd.residuals.tracking import METHODS, Tracking, channels_of, estimates, observability
 from fdd.samples import Samples
 from fdd.unit import Unit
 
@@ -66,7 +66,7 @@ def compared(name: str, samples: Samples, unit: Unit, truth: pd.DataFrame) -> pd
     out = []
     at = truth.time.to_numpy()
     for method in METHODS:
-        tracking = Tracking(unit, Channels.of(samples), 1e-3)
+        tracking = Tracking(unit, channels_of(samples), 1e-3)
         records = tracking.trackers[method].push(tracking.block(samples))
         values, stds = estimates(records, unit, tracking.model)
         visible = observability(values, stds)
@@ -100,7 +100,7 @@ def errors(name: str, method: str, truth: pd.DataFrame, leakage: Array, moduli: 
 
 def fitted(samples: Samples, unit: Unit, at: Array) -> tuple[Array, Array]:
     """Leakage and both chambers' moduli by least squares over the last eight seconds before each instant."""
-    tracking = Tracking(unit, Channels.of(samples), 1e-3)
+    tracking = Tracking(unit, channels_of(samples), 1e-3)
     block, q = tracking.block(samples), tracking.model
     time = block[:, layout.TIME]
     angle = block[:, layout.ANGLE]

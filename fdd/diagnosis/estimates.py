@@ -97,39 +97,32 @@ def believed(
 
 
 def estimates_of(
-    tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], added: Sequence[AddedTracker] = ()
-) -> dict[str, Estimate]:
-    """Tracked quantities at the end of what was pushed, and what trackers of packages say of them."""
-    out = estimates_by(tracked, unit, faults)
+    tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], added: Sequence[AddedTracker] = (), *,
+    method: str = "ekf",
+) -> dict[str, Estimate]:  # fmt: skip
+    """Tracked quantities at the end of what was pushed, by one of fdd's filters, and by packages' trackers.
+
+    Which are observable follows from the EKF and `faults`.
+    """
+    out, records = no_estimates(), tracked.last_records[method]
+    if records.size:
+        values, stds = estimates(records, unit, tracked.model)
+        observed = tracked.observed()
+        seen, why = believed(observed, tracked.last_records["ekf"], unit, tracked.channels, faults)
+        healthy = healthy_of(unit, float(records["viscosity"][-1]))
+        for name, now in seen.items():
+            out[name] = Estimate(
+                unit=ESTIMATED[name][0], baseline=_significant(healthy[name]),
+                value=_significant(values[name][-1]), std=_significant(stds[name][-1]),
+                observable=bool(now.valid[-1]) and not tracked.lost,
+                held=_significant(now.held[-1]), held_std=_significant(now.held_std[-1]),
+                age_s=_significant(now.age[-1]), information_std=_significant(now.information_std[-1]),
+                held_because=why.get(name) if observed[name].valid[-1] > now.valid[-1] else None,
+            )  # fmt: skip
     for each in added:
-        for name, (value, std) in each.last().items():
-            rounded = [float(f"{number:.5g}") for number in (value, std)]
-            out[name].methods[each.name] = MethodEstimate(value=rounded[0], std=rounded[1])
-    return out
-
-
-def estimates_by(
-    tracked: Tracked, unit: Unit, faults: Sequence[FaultFinding], method: str = "ekf"
-) -> dict[str, Estimate]:
-    """Estimates of one of fdd's filters at the end; which are observable follows from the EKF and
-    `faults`."""
-    records = tracked.last_records[method]
-    if not records.size:
-        return no_estimates()
-    values, stds = estimates(records, unit, tracked.model)
-    observed = tracked.observed()
-    seen, why = believed(observed, tracked.last_records["ekf"], unit, tracked.channels, faults)
-    healthy = healthy_of(unit, float(records["viscosity"][-1]))
-    out = {}
-    for name, (si, _, _) in ESTIMATED.items():
-        now = seen[name]
-        out[name] = Estimate(
-            unit=si, baseline=_significant(healthy[name]), value=_significant(values[name][-1]),
-            std=_significant(stds[name][-1]), observable=bool(now.valid[-1]) and not tracked.lost,
-            held=_significant(now.held[-1]), held_std=_significant(now.held_std[-1]),
-            age_s=_significant(now.age[-1]), information_std=_significant(now.information_std[-1]),
-            held_because=why.get(name) if observed[name].valid[-1] > now.valid[-1] else None,
-        )  # fmt: skip
+        for name, pair in each.last().items():
+            value, std = (float(f"{number:.5g}") for number in pair)
+            out[name].methods[each.name] = MethodEstimate(value=value, std=std)
     return out
 
 

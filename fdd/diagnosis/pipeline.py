@@ -19,7 +19,7 @@ from fdd.diagnosis.answering import (
     versions_of,
 )
 from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
-from fdd.diagnosis.estimates import believed, estimates_by, estimates_of
+from fdd.diagnosis.estimates import believed, estimates_of
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
 from fdd.diagnosis.fitting import Stretches
@@ -198,7 +198,7 @@ class Pipeline(Restorable):
 
     def estimates(self, method: Literal["ekf", "svsf"] = "ekf") -> dict[str, Estimate]:
         """Tracked quantities at the end of what was pushed, as one of the filters has them."""
-        return estimates_by(self._tracked, self.unit, self.standing, method)
+        return estimates_of(self._tracked, self.unit, self.standing, method=method)
 
     def now(self) -> tuple[dict[str, float], dict[str, Estimate], dict[str, float]]:
         """By the last evaluation: each family's probability, estimates, and how badly balances close."""

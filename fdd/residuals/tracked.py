@@ -16,7 +16,7 @@ from estimators.observability import Observability, Observed
 from fdd.errors import InputError
 from fdd.residuals.bins import STOP_S
 from fdd.residuals.compiled import Array
-from fdd.residuals.tracking import METHODS, OBSERVABLE, Channels, Tracking, new_watch, watched
+from fdd.residuals.tracking import METHODS, OBSERVABLE, Tracking, channels_of, new_watch, watched
 from fdd.restorable import Restorable
 from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
@@ -55,7 +55,7 @@ class Tracked(Restorable):
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels that carry data; empty until enough samples came."""
-        return () if self.tracking is None else self.tracking.channels.names
+        return () if self.tracking is None else self.tracking.channels
 
     @property
     def model(self) -> eha.Parameters:
@@ -94,8 +94,8 @@ class Tracked(Restorable):
                         mend=f"map a column to each (channels: {', '.join(CHANNELS)})",
                     )
                 head = samples.rows(0, HELD_BACK)  # by number, whatever block brought the last of them
-                channels = Channels.of(head)
-                if missing_required(channels.names):  # not yet, or not to be trusted
+                channels = channels_of(head)
+                if missing_required(channels):  # not yet, or not to be trusted
                     samples = samples.rows(HELD_BACK, len(samples))
                 else:
                     self.tracking = Tracking(self.unit, channels, float(np.median(np.diff(head.time))))
@@ -166,4 +166,4 @@ class Tracked(Restorable):
 
     @_setup.setter
     def _setup(self, setup: tuple[tuple[str, ...], float] | None) -> None:
-        self.tracking = None if setup is None else Tracking(self.unit, Channels(setup[0]), setup[1])
+        self.tracking = None if setup is None else Tracking(self.unit, *setup)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -120,16 +119,9 @@ def healthy_coulomb(unit: Unit) -> float:
     return 0.5 * (unit.friction.forward.coulomb + unit.friction.reverse.coulomb)
 
 
-@dataclass(frozen=True)
-class Channels:
-    """Which channels a log has, decided on its first second."""
-
-    names: tuple[str, ...]
-
-    @classmethod
-    def of(cls, samples: Samples) -> Channels:
-        """Channels with at least one finite value in `samples`."""
-        return cls(tuple(n for n in samples.channels if np.isfinite(samples[n]).any()))
+def channels_of(samples: Samples) -> tuple[str, ...]:
+    """Channels with at least one finite value."""
+    return tuple(n for n in samples.channels if np.isfinite(samples[n]).any())
 
 
 class Tracking(Restorable):
@@ -137,7 +129,7 @@ class Tracking(Restorable):
 
     STATE = ("trackers",)
 
-    def __init__(self, unit: Unit, channels: Channels, period: float) -> None:
+    def __init__(self, unit: Unit, channels: tuple[str, ...], period: float) -> None:
         self.unit = unit
         self.channels = channels
         self.period = period
@@ -146,8 +138,8 @@ class Tracking(Restorable):
         self.trackers = {
             method: EhaTracker(
                 self.model, noise, method,  # type: ignore[arg-type]
-                period=period, pressures={"pressure_1", "pressure_2"} <= set(channels.names),
-                angle="pump_angle" in channels.names, difference="pressure_difference" in channels.names,
+                period=period, pressures={"pressure_1", "pressure_2"} <= set(channels),
+                angle="pump_angle" in channels, difference="pressure_difference" in channels,
                 viscous_friction=healthy_viscous(unit),
                 viscous_skew=0.5 * (unit.friction.forward.viscous - unit.friction.reverse.viscous),
                 air_fraction=unit.oil.air_fraction,
@@ -160,10 +152,10 @@ class Tracking(Restorable):
         out = np.full((len(samples), layout.COLUMNS), np.nan)
         out[:, layout.TIME] = samples.time
         for column, name in COLUMNS.items():
-            if name in self.channels.names:
+            if name in self.channels:
                 sensor = self.unit.sensor(name)
                 out[:, column] = (samples.get(name) - sensor.zero) / sensor.gain
-        if "oil_temperature" in self.channels.names:
+        if "oil_temperature" in self.channels:
             out[:, layout.VISCOSITY] = viscosity_ratio(self.unit.oil, samples.get("oil_temperature"))
         return out
 

@@ -28,7 +28,7 @@ from fdd.plant.scenario import Scenario
 from fdd.plant.sensors.recording import Recording
 from fdd.plant.simulate import simulate
 from fdd.plant.state import Truth
-from fdd.residuals.tracking import Channels, Tracking, estimates, observability
+from fdd.residuals.tracking import Tracking, channels_of, estimates, observability
 from fdd.unit import Unit
 from reports.estimators import cases, matched
 from reports.estimators.cases import QUANTITIES, Array, Assumed, Case, Rows, Trajectory
@@ -69,7 +69,7 @@ def prepare(
     unit = Unit.load("axis_a")
     if world == "matched":
         unit = matched.matched_unit(unit)
-    tracking = Tracking(unit, Channels(case.channels), 1e-3)
+    tracking = Tracking(unit, case.channels, 1e-3)
     prior = cases.assumed(tracking.trackers["ekf"])
     if world == "matched":
         jump = _jump(change, unit, tracking.model) if change else None
@@ -293,7 +293,7 @@ def measure_speed(duration: float = 60.0, repeats: int = 9, peer_samples: int = 
     unit, recording = Unit.load("axis_a"), Recording(dropped=0.0, late=0.0, nan_bursts_per_minute=0.0)
     scenario = Scenario(duration=duration, seed=1, load={"name": "spring"}, recording=recording)
     samples = simulate(unit, scenario).samples
-    tracking = Tracking(unit, Channels.of(samples), 1e-3)
+    tracking = Tracking(unit, channels_of(samples), 1e-3)
     block, prior = tracking.block(samples), cases.assumed(tracking.trackers["ekf"])
     took = dict[str, list[float]]()
     part, last = block[:peer_samples], np.array([peer_samples - 1])

@@ -18,7 +18,7 @@ from estimators.eha.walk import walk_parameters, walk_rates
 from estimators.ekf import ExtendedKalmanFilter
 from fdd import Unit, simulate
 from fdd.plant.scenario import Recording, Scenario
-from fdd.residuals.tracking import Channels, Tracking, healthy_viscous, noise_of
+from fdd.residuals.tracking import Tracking, channels_of
 
 N = eha.STATES
 VALVES = [eha.VALVE1, eha.VALVE2]
@@ -179,7 +179,7 @@ def compare(seconds: float, begin: Callable[[EhaTracker], None]) -> tuple[Textbo
     unit, duty = Unit.load("axis_a"), {"name": "steps", "lead_in": 0.03}
     scenario = Scenario(duration=seconds, duty=duty, load={"name": "spring"}, recording=Recording.perfect())
     run = simulate(unit, scenario)
-    tracking = Tracking(unit, Channels.of(run.samples), 1e-3)
+    tracking = Tracking(unit, channels_of(run.samples), 1e-3)
     block = tracking.block(run.samples)
     compiled = EhaTracker(
         tracking.model, replace(noise_of(unit), compression=0.05, smoothing=3e-3),

@@ -14,7 +14,7 @@ from fdd import Samples, Unit
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
 from fdd.residuals.tracked import Tracked
-from fdd.residuals.tracking import METHODS, Channels, Tracking, estimates, observability
+from fdd.residuals.tracking import METHODS, Tracking, channels_of, estimates, observability
 
 LEAK = {"fault": "internal_leakage", "severity": 0.5, "onset": 6.0}
 # The filters' L_T is a coefficient of laminar leakage. An orifice's has no such coefficient: its secant,
@@ -148,7 +148,7 @@ def test_any_cut_into_blocks_gives_the_same_bits_also_over_restarts(cuts: list[i
 @pytest.mark.parametrize("method", METHODS)
 def test_frozen_and_wild_channels_leave_it_finite(method: str) -> None:
     samples = axis(duration=6.0).samples
-    tracking = Tracking(unit(), Channels.of(samples), 1e-3)
+    tracking = Tracking(unit(), channels_of(samples), 1e-3)
     block, filter_ = tracking.block(samples), tracking.trackers[method]
     block[2000:2600, layout.POSITION] = block[2000, layout.POSITION]
     block[3000:3200, layout.PRESSURE_1] = np.nan

@@ -13,7 +13,7 @@ from estimators.eha import layout
 from estimators.observability import Drift, Observability, Observed
 from fdd.plant.scenario import Recording, Scenario
 from fdd.plant.simulate import Simulation, simulate
-from fdd.residuals.tracking import OBSERVABLE, Channels, Tracking, estimates, new_watch, watched
+from fdd.residuals.tracking import OBSERVABLE, Tracking, channels_of, estimates, new_watch, watched
 from fdd.unit import Unit
 
 PARTS = ("valid", "information_std", "held", "held_std", "age")
@@ -200,7 +200,7 @@ class Followed:
     """One filter on an axis, with what it shows."""
 
     def __init__(self, simulation: Simulation, method: str = "ekf") -> None:
-        self.tracking = Tracking(unit(), Channels.of(simulation.samples), 1e-3)
+        self.tracking = Tracking(unit(), channels_of(simulation.samples), 1e-3)
         self.tracker, self.watch = self.tracking.trackers[method], new_watch()
         self.push(self.tracking.block(simulation.samples))
 
