@@ -21,8 +21,7 @@ SAME_EFFECT = 0.5
 GROUP_SHARE = 0.05
 """Share of the posterior from which a fault belongs to the answer's ambiguity group."""
 MOST_FAULTS, MOST_FINDINGS = 3, 6
-"""Faults of an answer, and findings that these are sought among: a biased transducer shows in two
-balances."""
+"""Faults of an answer, and findings that they are sought among: a transducer's bias shows in two balances."""
 USUAL_SIZE = 0.5
 """Mode of the prior of a severity (Rayleigh's distribution)."""
 SECOND_FAULT = 2.0
@@ -49,8 +48,7 @@ class Found:
 
     @property
     def known(self) -> bool:
-        """Whether it is a fault of the catalogue: one that explains less than half of the change is not its
-        cause."""
+        """Whether the catalogue has its cause, which explains half of the change or more."""
         return self.explained >= 0.5
 
     @property
@@ -146,8 +144,7 @@ def beside_the_newest(
 
 
 def _needed(lead: Amplitude, threshold: float) -> bool:
-    """Whether half of the score asked for is left to a finding beside the others; ends, and what comes and
-    goes, are."""
+    """Whether half of the score asked for is left beside the others, or it is an end, or comes and goes."""
     kept = lead.begun is not None or lead.hypothesis.ends is not None
     return kept or lead.score - SECOND_FAULT >= 0.5 * threshold
 

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 
 WITHIN_FRAMES = 300.0
-"""Frames (150 s) in which the random walk of a healthy unit's coefficients has the standard deviation
-`Effects.within`."""
+"""Frames (150 s) in which the random walk of healthy coefficients has the std `Effects.within`."""
 MODES = 24
 """Most modes of that walk, which have 97 % of its variance about its mean."""
 LEAST_INFORMATION = 0.05
@@ -141,8 +140,7 @@ class BalancePosterior:
 
 
 def _of_triangle(size: int, at: Indices) -> tuple[tuple[Indices, Indices], Indices]:
-    """Rows and columns of a symmetric matrix's upper triangle, and the places (k, k) in it of the entries
-    between rows `at` (k,)."""
+    """Rows and columns of an upper triangle, and places (k, k) in it of entries between rows `at` (k,)."""
     upper = np.triu_indices(size)
     place = np.zeros((size, size), dtype=np.int64)
     place[upper] = place.T[upper] = np.arange(upper[0].size)

@@ -35,8 +35,7 @@ from fdd.residuals.effects import Effects, duty_profiles
 Known = tuple[tuple[int, Shape, int, float], ...]
 
 FREE_SPREAD = 10.0
-"""Prior standard deviation of an unmodelled fault's change of a coefficient, in standard deviations from log
-to log of the healthy unit."""
+"""Prior std of an unmodelled fault's change of a coefficient, in the healthy unit's from log to log."""
 LEAST_GAIN = 2.0
 """Nats of log likelihood ratio up to which a fault is not fitted: its score, less by what a free amplitude
 gains by chance, is about 0 at most."""
@@ -70,8 +69,7 @@ class Amplitude(Fit):
     begun: Array | None = None  # (h,) of what comes and goes, probability that it has begun
 
     def onset_quantiles(self, *shares: float) -> list[int]:
-        """Frames up to which shares of the posterior of the onset lie, whatever the shape, of which the first
-        is the step."""
+        """Frames up to which shares of the onset's posterior lie, over all shapes; the first is the step."""
         if self.begun is not None:
             within = np.searchsorted(self.begun, shares).clip(max=self.begun.size - 1)
             return [int(k) for k in within]
@@ -231,8 +229,7 @@ class Evidence:
     def _gains(
         self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude], shapes: Sequence[Shape] = SHAPES
     ) -> Array:
-        """Gains (shapes, f, k) of hypotheses with each shape of time profile over onsets; -inf for those that
-        they do not take."""
+        """Gains (shapes, f, k) of hypotheses with each shape over onsets; -inf for shapes not taken."""
         scale, signed = (np.array([getattr(h, x) for h in hypotheses]) for x in ("scale", "signed"))
         takes = np.array([[shape.kind in h.time_profiles for h in hypotheses] for shape in shapes])
         lam = np.tile(1.0 / scale**2, (len(shapes), self.onsets.size, 1))

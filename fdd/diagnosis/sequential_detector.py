@@ -20,8 +20,7 @@ EVALUATIONS = 3
 """Consecutive evaluations above the threshold that raise a fault: an on-delay of ten seconds (ISA-18.2)
 against transients. As many below it clear the fault."""
 RECOVERED_S = 60.0
-"""s for which a fault has to be gone before it is over: an intermittent fault that returns within a minute
-stays active."""
+"""s for which a fault has to be gone before it is over: one that returns within a minute stays active."""
 SINGLE_MARGIN = 1.5
 """Extra score for an alarm on a single evaluation."""
 RECOVERED_SHARE = 0.5

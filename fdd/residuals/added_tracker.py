@@ -166,8 +166,7 @@ class AddedTracker:
         return table[0], dict(zip(OBSERVABLE, table[1:].reshape(len(OBSERVABLE), 2, -1), strict=True))
 
     def last(self) -> dict[str, tuple[float, float]]:
-        """Quantities that it estimates, to value and standard deviation (SI) at the end; empty where it
-        ended."""
+        """What it estimates, to value and standard deviation (SI) at the end; empty where it ended early."""
         time, found = self._table()
         if self.problem is not None or not time.size:
             return {}
@@ -175,8 +174,7 @@ class AddedTracker:
         return {name: (pair[0], pair[1]) for name, pair in last.items() if np.isfinite(pair).all()}
 
     def over(self, time: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Quantities that it estimates and their standard deviations (SI) at times (n,); NaN before and
-        after."""
+        """What it estimates, and standard deviations (SI), at times (n,); NaN before and after."""
         at, found = self._table()
         known = {name: pair for name, pair in found.items() if np.isfinite(pair).any()}
         values, stds = (

@@ -1,5 +1,4 @@
-"""Normal equations of all balances over the window of recent frames, and the reference learnt from older
-ones."""
+"""Normal equations of all balances over a window of frames, and the reference learnt from older ones."""
 
 from __future__ import annotations
 
@@ -73,8 +72,7 @@ class BalanceHistory(Restorable):
         return out
 
     def marginalised(self) -> dict[str, tuple[Array, Array]]:
-        """Information (h, n, n) and vector (h, n) of each informative balance, the coefficients' wander from
-        frame to frame marginalised."""
+        """Information (h, n, n) and vector (h, n) of each informative balance, the wander marginalised."""
         out = {}
         for name in BALANCES:
             wide = self._marginalised(name)
@@ -117,8 +115,7 @@ class BalanceHistory(Restorable):
         return wide
 
     def push(self, first: int, bins: Array) -> None:
-        """Take the bins of complete frames (see `BinMaker.push`); the result does not depend on how they are
-        cut."""
+        """Take bins of complete frames (see `BinMaker.push`); the result does not depend on their cut."""
         if first != self.last + 1:
             self.tail = np.full_like(self.tail, np.nan)
         for start in range(0, len(bins), MOST_FRAMES * FRAME_BINS):
@@ -223,8 +220,7 @@ class BalanceHistory(Restorable):
         return self.folded
 
     def stopped(self, first: int) -> bool:
-        """Whether the pause before this frame was long enough (`STOP_S`) to count as the start of another
-        log."""
+        """Whether the pause before this frame was so long (`STOP_S`) that another log begins."""
         return self.last >= 0 and (first - self.last) * FRAME_S > STOP_S
 
     def begin_anew(self, fault_intervals: Sequence[tuple[float, float]], together: int) -> None:

@@ -42,8 +42,7 @@ from fdd.residuals.quantities import (
 from fdd.tolerances import RELIEF_SHUT
 
 LEAST_INLET_PA = -3e4
-"""Pa gauge at its inlet, below which a gear pump no longer fills: data sheets ask for 0.7 to 0.8 bar
-absolute."""
+"""Pa gauge at its inlet, below which a gear pump does not fill: data sheets say 0.7 to 0.8 bar absolute."""
 PILOT_CLOSES = 12
 """Bins that a piloted check valve takes to close beyond those of a plain one: with a time constant of 20 to
 30 ms it passes a hundredth of its flow after another 0.1 s."""
@@ -52,11 +51,9 @@ AERATION = 0.025
 SLIDING_M_S = 1e-3
 """m/s of plastic travel from which a seal slides: what it gave before is taken up (see `_friction`)."""
 LAG_S = 0.01
-"""s of a pressure behind the piston's motion, by its sensor and by what the load compresses, that the force
-balance counts in."""
+"""s, unit of the force balance's lag: of a pressure behind the motion, by its sensor and the load's give."""
 STANDING = 0.02
-"""Share of the largest speed up to which the pump may be at standstill; above it friction opposes the
-turning."""
+"""Share of the largest speed up to which the pump may stand; above it friction opposes the turning."""
 ORDERS = (1.0, 2.0)
 """Orders of the shaft at which a worn or misaligned coupling shows."""
 STEADY = 0.88

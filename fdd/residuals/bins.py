@@ -32,8 +32,7 @@ BLOCK_FRAMES = 4
 TAIL_BINS = 50
 """Bins before a frame that its filters and validity rules may look back at."""
 PRESLIDING_TRAVEL_M = 5e-4
-"""m, presliding travel of a seal until it breaks away: elastomer seals give 0.1 to 0.5 mm before they
-slide."""
+"""m, presliding travel of a seal: elastomer seals give 0.1 to 0.5 mm before they slide."""
 GAS_S = 6.0
 """s in which an accumulator's gas takes its shell's temperature: 2 to 20 s for 0.1 to 5 l (Pourmovahed and
 Otis 1990, doi 10.1115/1.2894128)."""
@@ -57,13 +56,11 @@ COLUMNS = {name: i for i, name in enumerate((*FAST, *DERIVED, *(f"{n}_noise" for
 NOISE_FRAMES, LEAST_SAMPLES = 20, 20
 """Frames whose noise is kept; fewest samples of a frame that it is estimated from."""
 NOISE_HZ = (80.0, 140.0)
-"""Hz, band in which a pressure's noise exceeds its motion, within the transducer's bandwidth (150 Hz: thesis
-Appendix A)."""
+"""Hz, where a pressure's noise exceeds its motion, in the transducer's band (150 Hz: thesis Appendix A)."""
 NOISE_SHARE = (0.6, 0.95)
 """The same as shares of the Nyquist frequency, for low sampling rates."""
 DENSITY_SPREAD = 0.88
-"""Relative standard deviation of a noise by the median of n frequencies of a windowed periodogram, times √n
-(by simulation)."""
+"""Relative std of a noise by the median of n frequencies of a windowed periodogram, times √n (simulated)."""
 _ANGLES = np.radians(np.arange(0.0, 180.0, 30.0))
 MIXED = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
 """Combinations of two pressures, each over its sensor's noise, that have the noise of one."""

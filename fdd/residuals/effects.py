@@ -1,5 +1,4 @@
-"""Prior of a healthy unit's coefficients: random effects between units, between logs, within a log, and from
-frame to frame."""
+"""Prior of a healthy unit's coefficients: random effects between units and logs, within a log, by frames."""
 
 from __future__ import annotations
 
@@ -19,8 +18,7 @@ UNKNOWN_VISCOSITY = 0.6
 """Standard deviation of ln viscosity between two logs without a thermometer: 15 K, at 4 %
 a kelvin (ISO VG 32 at 40 °C by Walther's equation)."""
 WARMING = 2e-3
-"""1/s, standard deviation of the rate at which ln viscosity falls while oil warms: 3 K a minute, at 4 % a
-kelvin."""
+"""1/s, std of the rate at which ln viscosity falls while oil warms: 3 K a minute, at 4 % a kelvin."""
 DUTY_SCALE = 0.3
 """Of relief pressure and of the largest speed: distance between two duties at which a law's errors correlate
 by 1/e. As many of 387 simulated faults score above 99 of 100 healthy logs with 0.15 as with 0.6."""
@@ -59,8 +57,7 @@ class BalanceSpread(BaseModel):
 
 
 class Spreads(BaseModel):
-    """Variance components of healthy units and logs, as ``fdd train`` learnt them from the population that
-    `data` says."""
+    """Variance components of healthy units and logs, learnt by ``fdd train`` from the population `data`."""
 
     model_config = ConfigDict(extra="forbid")
     data: str

@@ -44,8 +44,7 @@ class Epochs(Restorable):
         """Epochs that were ever completed."""
 
     def add(self, frames: Sequence[int], sums: BalanceSums) -> None:
-        """Take frames by their indices, in order, and the sums of each balance's information (n, n) and
-        vectors (n,) over them."""
+        """Take indices of frames, and sums over them of each balance's information (n, n), vectors (n,)."""
         if not self._open:
             self._first.append(frames[0])
             self._levels.append(0)
@@ -61,8 +60,7 @@ class Epochs(Restorable):
             self._complete()
 
     def _complete(self) -> None:
-        """The last epoch is complete; of those of one length beyond `EPOCHS_EACH`, the two oldest
-        become one."""
+        """End the last epoch; of those of one length beyond `EPOCHS_EACH`, the two oldest become one."""
         self._open = 0
         self.completed += 1
         for level in range(max(self._levels) + 1):
@@ -89,8 +87,7 @@ class Epochs(Restorable):
 
     @staticmethod
     def effects(effects: Mapping[str, Effects]) -> dict[str, Effects]:
-        """A unit's effects for epochs, each of which is one draw of the log-to-log variation, what changes in
-        minutes included."""
+        """A unit's effects for epochs: each is a draw of what differs between logs and changes in minutes."""
         return {
             name: replace(
                 e,

@@ -31,8 +31,7 @@ MOST_COLOUR = 0.95
 NOISE_FLOOR = 0.1
 """Lower bound of the noise over the unit's usual one: at standstill an encoder may show none."""
 LOAD_S = 1.0
-"""s, time constant of the high-pass filter against a load: in it the load changes as much as friction does
-when the piston reverses."""
+"""s, time constant of the high-pass against a load: in it that changes as much as friction at a reversal."""
 FIRST_WEIGHT = 100.0
 """Rows that the initial noise counts for."""
 
@@ -196,8 +195,7 @@ class RegressionAccumulator(Restorable):
         return max(variance, self.least)
 
     def _rows(self, y: Array, x: Array, ok: Flags) -> Array:
-        """Regression rows of the frame, means of `Balance.bins_per_row` bins, less what changes slowly; none
-        if they are too few."""
+        """Rows of a frame, means of `Balance.bins_per_row` bins, less what is slow; none if too few."""
         joined = np.column_stack([x, y])
         bins_per_row = self.balance.bins_per_row
         if bins_per_row > 1:  # the law holds over tens of ms: whitening must not reach where it fails

@@ -70,8 +70,7 @@ def viscosity_ratio(oil: Oil, temperature: ArrayLike) -> Array:
 
 
 def free_air(pressure: ArrayLike, index: float) -> tuple[Array, Array]:
-    """g(p), volume of free air over that at atmospheric pressure, and c(p) = -dg/dp, 1/Pa, at pressures (…)
-    in Pa by a polytropic index."""
+    """g(p), volume of free air over that at atmospheric pressure, and c(p) = -dg/dp, 1/Pa, at p (…) Pa."""
     absolute = np.maximum(np.asarray(pressure, dtype=np.float64) + ATMOSPHERE_PA, LEAST_PA)
     gas = (ATMOSPHERE_PA / absolute) ** (1.0 / index)
     return np.asarray(gas), np.asarray(gas / (index * absolute))

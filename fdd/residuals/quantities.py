@@ -1,5 +1,4 @@
-"""What the balances are written in: pressures, flows and motion from a stretch of bins, whichever sensors
-there are."""
+"""What balances are written in: pressures, flows and motion from bins, whichever sensors there are."""
 
 from __future__ import annotations
 

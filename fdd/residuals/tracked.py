@@ -22,8 +22,7 @@ from fdd.samples import CHANNELS, Samples, missing_required
 from fdd.unit import Unit
 
 HELD_BACK = 500
-"""Samples that channels and period are found from: a number, not a time, so that one early row is not
-enough."""
+"""Samples that channels and period are found from; of a time one early row might be all."""
 
 
 class Tracked(Restorable):

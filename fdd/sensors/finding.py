@@ -35,8 +35,7 @@ COUNT = len(NAMES)
 CELL_HISTORY = 250
 """Cells of 20 ms: the noise of the last five seconds."""
 STILL, MOVING = 0, 1
-"""Classes of frames: the pump turned less than once, or more. Noise and repeats are compared within a
-class."""
+"""Classes of frames, in which noise and repeats are compared: the pump turned less than once, or more."""
 SHAPES: dict[str, tuple[int, ...]] = {
     **dict.fromkeys(("frames", "repeat", "noisiest", "quietest"), (2, COUNT)),
     "volume": (5,), "stood": (4,), "stamps": (2,), "cells": (COUNT, CELL_HISTORY), "derived": (1,),

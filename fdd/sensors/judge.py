@@ -17,8 +17,7 @@ NOISE_FACTOR, NOISE_FRAMES = 5.0, 4
 some 500 second differences, has a relative standard deviation of a tenth: a factor of five is no chance."""
 FAINT_FACTOR = 0.1
 WITHOUT_NOISE = ("oil_temperature", "motor_current")
-"""Channels whose noise is not judged: a slow one shows it too seldom, and a current's is the drive's as
-well."""
+"""Channels whose noise is not judged: a slow one shows it seldom, a current's is the drive's too."""
 SHOWS_NOISE = np.array([n not in WITHOUT_NOISE for n in NAMES])
 GOOD_FRAMES = 2
 """Frames in a row without a failure after which a channel is trusted again."""
@@ -237,8 +236,7 @@ class FrameJudge:
             self.findings.lose_supply(silent, onset, f"{together} ms: they lost their supply")
 
     def _recover(self, end: float) -> None:
-        """Trust channels again after `GOOD_FRAMES` without a failure; they count as good from the first of
-        these."""
+        """Trust channels again after `GOOD_FRAMES` without a failure, from the first of these on."""
         memory = self.findings.memory
         for k in np.flatnonzero(~np.isnan(memory.failed_since)).tolist():
             # A silent one still shows the value of its failure.
