@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from copy import deepcopy
 from typing import Literal
 
 import numpy as np
@@ -332,8 +331,8 @@ class Pipeline(Restorable):
         ValueError : the pipeline was told not to keep trajectories.
         """
         records = self._tracked.records()
-        values: dict[str, dict[str, Array]] = {m: {n: np.empty(0) for n in OBSERVABLE} for m in records}
-        stds = deepcopy(values)
+        nothing = {name: np.empty(0) for name in OBSERVABLE}
+        values, stds = dict.fromkeys(records, nothing), dict.fromkeys(records, nothing)
         for m, r in records.items():
             if r.size:
                 values[m], stds[m] = estimates(r, self.unit, self._tracked.model)

@@ -172,37 +172,30 @@ def estimates(
     Leakage is L_T across the ports at the oil's temperature of the moment. Bulk modulus is that
     at the unit's reference pressure; friction the mean of both directions.
     """
-    x, var = records["state"], records["variance"]
-    scale = sensitivities(records, unit, model)
+    values, scale = _quantities(records, unit, model)
+    std = np.sqrt(records["variance"].clip(0.0))
+    return values, {name: scale[name] * std[:, state] for name, state in QUANTITIES.items()}
+
+
+def _quantities(
+    records: layout.Records, unit: Unit, model: eha.Parameters
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Tracked quantities, and magnitudes of their derivatives by their states, (n,) SI."""
+    x, stiff = records["state"], model.stiff_compliance
+    one, leakage = np.ones(len(x)), unit.pump.total_leakage / records["viscosity"]
+    coulomb = healthy_coulomb(unit) * one
+    # 1/β at the reference pressure, 1/MPa, and what a permille of free air adds to it.
+    air_unit = 1e-3 * eha.air_curve(unit.oil.reference_pressure * 1e-6, model.polytropic_index)
+    compliance = np.maximum(stiff + air_unit * x[:, eha.AIR], eha.COMPLIANCE_FLOOR * stiff)
     values = {
-        "leakage": scale["leakage"] * x[:, eha.LEAK],
-        "bulk_modulus": 1e6 / _compliance(records, unit, model)[0],
-        "coulomb_friction": scale["coulomb_friction"] * x[:, eha.FRIC],
-        "viscous_friction": x[:, eha.VISC],
-    }
-    stds = {name: scale[name] * np.sqrt(var[:, state].clip(0.0)) for name, state in QUANTITIES.items()}
-    return values, stds
-
-
-def sensitivities(records: layout.Records, unit: Unit, model: eha.Parameters) -> dict[str, Array]:
-    """What one unit of its state is of each quantity, (n,) SI: magnitudes of the derivatives."""
-    compliance, air_unit = _compliance(records, unit, model)
-    one = np.ones(records.shape[0])
-    return {
-        "leakage": unit.pump.total_leakage / records["viscosity"],
-        "bulk_modulus": 1e6 / compliance**2 * air_unit,
-        "coulomb_friction": healthy_coulomb(unit) * one,
-        "viscous_friction": one,
-    }
-
-
-def _compliance(records: layout.Records, unit: Unit, model: eha.Parameters) -> tuple[Array, float]:
-    """1/β at the reference pressure, 1/MPa, and what a permille of free air adds to it."""
-    pressure = unit.oil.reference_pressure * 1e-6
-    air_unit = 1e-3 * eha.air_curve(pressure, model.polytropic_index)
-    stiff = model.stiff_compliance
-    air = records["state"][:, eha.AIR]
-    return np.maximum(stiff + air_unit * air, eha.COMPLIANCE_FLOOR * stiff), air_unit
+        "leakage": leakage * x[:, eha.LEAK], "bulk_modulus": 1e6 / compliance,
+        "coulomb_friction": coulomb * x[:, eha.FRIC], "viscous_friction": x[:, eha.VISC],
+    }  # fmt: skip
+    scale = {
+        "leakage": leakage, "bulk_modulus": 1e6 / compliance**2 * air_unit,
+        "coulomb_friction": coulomb, "viscous_friction": one,
+    }  # fmt: skip
+    return values, scale
 
 
 def new_watch() -> Observability:
@@ -217,7 +210,7 @@ def watched(
 
     `watch`, of `new_watch`, goes on from the records before; they are of one filter, as model and noise.
     """
-    scale = sensitivities(records, unit, model)
+    _, scale = _quantities(records, unit, model)
     walks = drifts(records, noise, {state: scale[name] for name, state in QUANTITIES.items()})
     drift = {name: walks[state] for name, state in QUANTITIES.items()}
     return watch.push(records["time"], *estimates(records, unit, model), drift)
