@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from estimators.eha import layout
 from estimators.eha import model as eha
-from fdd.residuals.tracking import METHODS, Channels, Tracking
+from fdd.residuals.tracking import METHODS, Tracking
 from fdd.unit import Unit
 from reports.estimators import runs
 from reports.estimators.cases import CASES, FORCE_PERIOD, QUANTITIES, SETTLING, Case, Trajectory, assumed
@@ -23,7 +23,7 @@ SINES, STROKES = Case("sines", "spring"), Case("strokes", "constant")
 @pytest.fixture(scope="module")
 def axis():
     """Tracker's model and prior of the matched unit."""
-    tracking = Tracking(matched_unit(Unit.load("axis_a")), Channels(SINES.channels), 1e-3)
+    tracking = Tracking(matched_unit(Unit.load("axis_a")), SINES.channels, 1e-3)
     return tracking.model, assumed(tracking.trackers["ekf"])
 
 
