@@ -31,13 +31,7 @@ MOST = 1e6
 
 
 def root(score: float) -> float:
-    """Root of twice a score: standard deviations, where it is the log likelihood ratio of one amplitude.
-
-    Examples
-    --------
-    >>> root(8.0), root(-1.0)
-    (4.0, 0.0)
-    """
+    """Root of twice a score: standard deviations, where it is the log likelihood ratio of one amplitude."""
     return math.sqrt(2.0 * max(score, 0.0))
 
 
@@ -169,13 +163,7 @@ class Model(BaseModel):
         return self.model_copy(update={"calibration": calibration})
 
     def knows(self, name: str) -> bool:
-        """Whether logs with this fault were among those that it was learnt on.
-
-        Examples
-        --------
-        >>> Model.load().knows("aeration")
-        True
-        """
+        """Whether logs with this fault were among those that it was learnt on."""
         return name not in ADDED_BY if self.faults is None else name in self.faults
 
     def had(self, name: str, law: str) -> bool:

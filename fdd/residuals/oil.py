@@ -57,15 +57,7 @@ def viscosity(oil: Oil, temperature: ArrayLike) -> Array:
 
 
 def viscosity_ratio(oil: Oil, temperature: ArrayLike) -> Array:
-    """Viscosity at `temperature` (°C) over that at the oil's reference temperature.
-
-    Examples
-    --------
-    >>> from fdd.unit import Unit
-    >>> oil = Unit.load("axis_a").oil
-    >>> viscosity_ratio(oil, [40.0, 100.0]).round(3).tolist()
-    [1.0, 0.169]
-    """
+    """Viscosity at `temperature` (°C) over that at the oil's reference temperature."""
     return np.asarray(viscosity(oil, temperature) / viscosity(oil, oil.reference_temperature))
 
 
