@@ -71,7 +71,7 @@ class HealthyUnit:
     """What signatures may ask (see `fdd.faults.Healthy`)."""
 
     def __init__(self, effects: dict[str, Effects], scales: Scales) -> None:
-        self.effects = effects
+        self.effects, self.scales = effects, scales
         self.leakage_ratio = scales.fault_leakage / scales.leakage
         self.speed_ratio = scales.speed / 100.0
         self.relief_ratio = scales.pressure / scales.valve
