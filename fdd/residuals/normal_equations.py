@@ -94,9 +94,14 @@ class RegressionAccumulator(Restorable):
         n = self.size
         gram, noise, rows = np.zeros((count, n + 1, n + 1)), np.zeros((count, n, n)), np.zeros(count)
         for y, x, ok, noisy in blocks:
-            noisy = np.empty((0, 2, n)) if noisy is None else np.ascontiguousarray(noisy)
+            before = rows.copy()
             y, x = np.ascontiguousarray(y), np.ascontiguousarray(x)
-            add_rows(y, x, ok, noisy, TAIL_BINS, LEAST_ROWS, self.balance.cumulative, gram, noise, rows)
+            add_rows(y, x, ok, TAIL_BINS, LEAST_ROWS, self.balance.cumulative, gram, rows)
+            if noisy is not None:
+                valid = ok[TAIL_BINS:]
+                share = (rows - before) / valid.reshape(count, -1).sum(axis=1).clip(1)
+                part = (noisy[TAIL_BINS:] * valid[:, None, None]).reshape(count, -1, n)
+                noise += share[:, None, None] * (np.swapaxes(part, 1, 2) @ part)
         return self._weighted(gram, noise, rows)
 
     def _weighted(self, gram: Array, noise: Array, rows: Array) -> list[NormalEquations]:
@@ -235,9 +240,8 @@ def _ridge_inverse(gram: Array) -> Array:
 
 @njit()
 def add_rows(
-    y: Array, x: Array, ok: Flags, noisy: Array, tail: int, least: int, summed: bool,
-    gram: Array, noise: Array, rows: Array,
-) -> None:  # fmt: skip
+    y: Array, x: Array, ok: Flags, tail: int, least: int, summed: bool, gram: Array, rows: Array
+) -> None:
     """Add each frame's regression rows to its normal equations.
 
     Rows themselves; or, `summed`, their running sums over each unbroken stretch less their mean, in which
@@ -246,20 +250,17 @@ def add_rows(
     Parameters
     ----------
     y, x, ok : (tail + rows,), (tail + rows, n) and (tail + rows,): rows of a block, the valid ones.
-    noisy : (tail + rows, 2, n) noise that the columns have in these sums, or (0, 2, n).
     tail : rows before the first frame. least : fewest rows of a stretch, or of a frame, that count.
-    gram, noise, rows : (frames, n + 1, n + 1) of columns and y, (frames, n, n) and (frames,); added to.
+    gram, rows : (frames, n + 1, n + 1) of columns and y, and (frames,); added to.
     """
-    frames, n = noise.shape[0], x.shape[1]
+    frames, n = rows.size, x.shape[1]
     size = (y.size - tail) // frames
     part = np.empty((size, n + 1))
     for h in range(frames):
         first, last = tail + h * size, tail + (h + 1) * size
-        before = rows[h]
-        count = inside = 0
+        count = 0
         for k in range(first, last + 1):
             if k < last and ok[k]:
-                inside += 1
                 part[count, :n], part[count, n] = x[k], y[k]
                 if summed and count:
                     part[count] += part[count - 1]
@@ -272,14 +273,6 @@ def add_rows(
                     _add_products(part, begin, count, gram[h])
                     rows[h] += count - begin
                 count = 0
-        if noisy.shape[0] and rows[h] > before:
-            share = (rows[h] - before) / inside
-            for k in range(first, last):
-                if ok[k]:
-                    for c in range(2):
-                        for i in range(n):
-                            for j in range(n):
-                                noise[h, i, j] += share * noisy[k, c, i] * noisy[k, c, j]
 
 
 @njit()

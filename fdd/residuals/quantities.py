@@ -201,7 +201,9 @@ def _of_late(there: Flags) -> Flags:
 
 def change(column: Array) -> Array:
     """Change from the bin before, (n,); NaN first."""
-    return np.diff(column, prepend=np.nan)
+    out = np.full(column.shape, np.nan)
+    out[1:] = column[1:] - column[:-1]
+    return out
 
 
 def central(column: Array) -> Array:
