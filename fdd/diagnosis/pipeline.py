@@ -42,7 +42,7 @@ SCAN_FRAMES, VERDICT_FRAMES = 10, 16
 """Frames between two evaluations of the evidence (5 s), and the fewest that allow a verdict (8 s)."""
 WINDOW_FRAMES = 300
 """Frames that onsets are looked for in; what is older has become the reference."""
-STATE_VERSION = "27"
+STATE_VERSION = "28"
 """Of the state of all its parts: sensors, filters, bins, balances, detectors."""
 SCANS_A_MINUTE, SCANS_KEPT = 12, 720
 """Evaluations in a minute, and how many a monitor remembers: an hour."""

@@ -81,12 +81,22 @@ def noise_of(unit: Unit) -> Noise:
 
     What the profile's `estimation` gives goes before both.
     """
-    noise = Noise()
+    noise, cylinder = Noise(), unit.cylinder
+    area = 0.5 * (cylinder.area_1 + cylinder.area_2)
+    speed = unit.pump.displacement * unit.drive.max_speed / area
+    force = area * unit.accumulator.relief_pressure
+    over = force / RATED_FORCE, speed / RATED_SPEED, cylinder.stroke / STROKE
+    for name, powers in LOAD_NOISE.items():
+        for field in (name, f"initial_{name}"):
+            if hasattr(noise, field):
+                setattr(noise, field, getattr(noise, field) * float(np.prod(np.power(over, powers))))
     position, angle = (
         math.hypot(sensor.noise, sensor.resolution / math.sqrt(12.0))
         for sensor in map(unit.sensor, ("position", "pump_angle"))
     )
     noise.position, noise.angle = max(noise.position, position), max(noise.angle, angle)
+    # Over so long the difference of two positions tells the velocity well enough.
+    noise.smoothing = math.sqrt(2.0) * noise.position / (VELOCITY_ERROR * speed)
     chambers = [unit.sensor(c).noise for c in ("pressure_1", "pressure_2") if c in unit.sensors]
     noise.pressure = max(chambers, default=0.0) or noise.pressure
     noise.pressure_difference = unit.sensor("pressure_difference").noise or noise.pressure_difference

@@ -18,7 +18,7 @@ from estimators.eha.walk import walk_parameters, walk_rates
 from estimators.ekf import ExtendedKalmanFilter
 from fdd import Unit, simulate
 from fdd.plant.scenario import Recording, Scenario
-from fdd.residuals.tracking import Tracking, channels_of
+from fdd.residuals.tracking import Tracking, channels_of, healthy_viscous, noise_of
 
 N = eha.STATES
 VALVES = [eha.VALVE1, eha.VALVE2]
