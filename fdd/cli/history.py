@@ -35,7 +35,7 @@ def compare(
     json_: command.JsonOption = None,
     report: command.ReportOption = None,
 ) -> None:
-    """Tell what changed between two logs of a unit: estimates, balances, duty and spectra."""
+    """Tell what changed between two logs of a unit: estimates, balances and duty."""
     from fdd.cli.batch import names_of
     from fdd.cli.console import progress, tell_sheet
     from fdd.history.compare import Side
@@ -58,10 +58,10 @@ def compare(
             found = diagnoser.diagnose(job, log)
             sides.append(Side(found.diagnosis, found.trajectories, log.samples))
             advance(float(len(sides)))
-    answer, spectra = compared(sides[0], sides[1], diagnoser.unit)
+    answer = compared(sides[0], sides[1], diagnoser.unit)
     answer.notes += [note] if note else []
     told = answer.model_dump_json(by_alias=True, indent=2)
-    tell_sheet(told, compare_sheet(answer, spectra), json_, report)
+    tell_sheet(told, compare_sheet(answer), json_, report)
 
 
 def trend(

@@ -67,23 +67,6 @@ class DutyRow(BaseModel):
     b: tuple[float, float, float] | None
 
 
-class Line(BaseModel):
-    """The line of a channel's spectrum that changed most against its surroundings.
-
-    Attributes
-    ----------
-    ratio : power density of B over A there. order : of the pump shaft at the median speed of the log that has
-        the line; None where the speed varies too much to tell. beyond_chance : by the F distribution of
-        averaged spectra, 1 % over all frequencies and channels.
-    """
-
-    channel: str
-    frequency_hz: float
-    ratio: float
-    order: float | None
-    beyond_chance: bool
-
-
 class Comparison(BaseModel):
     """The answer of ``fdd compare --json``."""
 
@@ -99,7 +82,6 @@ class Comparison(BaseModel):
     estimates: list[EstimateChange]
     balances: list[Closure]
     duty: list[DutyRow]
-    lines: list[Line]
     notes: list[str]
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.findings import DISPLAY_SCALE, ESTIMATED
 from fdd.history import Comparison, EstimateChange, Life
-from fdd.history.compare import NO_CHANGE, Spectrum
+from fdd.history.compare import NO_CHANGE
 from fdd.history.trend import Course
 from fdd.report import traces as tr
 from fdd.report.page import Sheet, Table, cell
@@ -21,14 +21,13 @@ from fdd.report.plots import TO_RPM, Figure, Section
 from fdd.report.tables import NOTHING, number, with_std
 from fdd.report.words import candidates, fault_title, percent, seconds, span
 from fdd.residuals.balances import BALANCES
-from fdd.samples import CHANNELS
 
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-5, "bar"), "rad/s": (TO_RPM, "rpm"), "N": (1e-3, "kN")}
 """SI unit of a signal to factor and unit for people."""
 Z95 = 1.96
 
 
-def compare_sheet(found: Comparison, spectra: Sequence[Spectrum]) -> Sheet:
+def compare_sheet(found: Comparison) -> Sheet:
     """The page of a comparison."""
     quiet = found.headline == NO_CHANGE
     blind = all(c.changed is None for c in found.estimates)
@@ -42,29 +41,17 @@ def compare_sheet(found: Comparison, spectra: Sequence[Spectrum]) -> Sheet:
         )
         told = f": {faults}" if faults else ""
         verdicts.append(f"{name}: {said.log}, {said.verdict} in {span(said.duration_s)}{told}")
-    how, figures = "Welch's power density of what both logs measure, segments of 2 s.", []
-    for s in spectra:
-        si = CHANNELS[s.channel].unit
-        factor, unit = SHOWN.get(si, (1.0, si))
-        data = [
-            tr.line(s.frequency, factor**2 * values, name, colour, width=1.2)
-            for values, name, colour in ((s.a, "A", tr.BLUE), (s.b, "B", tr.VERMILLION))
-        ]
-        layout = tr.layout("frequency (Hz)", type="log", hoverformat=".3~g", exponentformat="power")
-        layout["xaxis"]["hoverformat"] = ".1f"
-        title = s.channel.replace("_", " ").capitalize()
-        figures.append(Figure(f"spectrum-{s.channel}", title, data, layout, f"{unit}²/Hz"))
     return Sheet(
         kicker=f"{found.a.log} (A) and {found.b.log} (B), unit {found.unit}, axis {found.axis}",
         headline=found.headline,
         kind="inconclusive" if quiet and blind else "healthy" if quiet else "faulty",
         remarks=[*verdicts, *found.notes], tables=_compare_tables(found),
-        sections=[Section("Spectra", how, figures)],
+        sections=[],
     )  # fmt: skip
 
 
 def _compare_tables(found: Comparison) -> list[Table]:
-    """Estimates, balances, duty and spectral lines."""
+    """Estimates, balances and duty."""
     conditions = "; ".join(
         f"{ESTIMATED[c.quantity][2].lower()} {c.conditions}" for c in found.estimates if c.conditions
     )
@@ -83,11 +70,6 @@ def _compare_tables(found: Comparison) -> list[Table]:
             for x in (row.a, row.b)
         )  # fmt: skip
         duty.append((row.signal.replace("_", " "), unit, *texts))
-    lines: list[tuple[str, ...]] = []
-    for x in found.lines:
-        times = f"{number(x.ratio, 3)} times ({10.0 * np.log10(x.ratio):+.0f} dB)".replace("-", "−")
-        channel, hz = x.channel.replace("_", " "), f"{x.frequency_hz:.1f} Hz"
-        lines.append((channel, hz, number(x.order), times, "yes" if x.beyond_chance else "no"))
     tables = [
         Table(
             "Estimates at the end", ("Quantity", "A ± std", "B ± std", "B − A ± std", "Changed, p"),
@@ -104,12 +86,6 @@ def _compare_tables(found: Comparison) -> list[Table]:
             "Duty", ("Signal", "Unit", "A", "B"), duty,
             "5th, 50th and 95th percentile, of speeds, pressures, current and load as magnitudes. "
             "Another duty explains much that differs.",
-        ),
-        Table(
-            "Spectral lines that changed most",
-            ("Channel", "Frequency", "Shaft order", "B over A", "Beyond chance"), lines,
-            "Against the frequencies around, 1 % over all of them (F test). No order where the speed varies.",
-            marked={k for k, x in enumerate(found.lines) if x.beyond_chance},
         ),
     ]  # fmt: skip
     return [t for t in tables if t.rows]
