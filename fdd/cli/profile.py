@@ -241,7 +241,6 @@ def experiment(
         Literal["rate", "position", "pressure_difference"],
         typer.Option("--output", help="Of the frequency response; rate is the piston's velocity."),
     ] = "rate",
-    order: Annotated[int | None, option("Poles of its model; by BIC from 1 to 4 else.", min=1, max=8)] = None,
     window: Annotated[
         float, typer.Option(min=0.05, max=60.0, help="s, windows of its measured spectra.")
     ] = 1.0,
@@ -262,7 +261,7 @@ def experiment(
 
     require_outputs(json_, html)
     profile = Unit.load(unit)
-    response = partial(frequency_response, given=given, caused=caused, order=order, window_s=window)
+    response = partial(frequency_response, given=given, caused=caused, window_s=window)
     kinds: dict[Experiment, Callable[[list[Record], Unit], Outcome]] = {
         "frequency-response": response, "friction": friction, "leakage": leakage, "gain": gain,
         "bulk-modulus": bulk_modulus,
