@@ -82,12 +82,6 @@ def identify_unit(
     _friction(out, records)
     for channel, fit in fit_sensors(list(logs), records).items():
         out.put_sensor(channel, fit)
-    mismatch = _gain_mismatch(records)
-    if mismatch is not None and abs(mismatch) > 5e-3:
-        out.notes.append(
-            f"pressure_difference reads {100 * mismatch:+.1f} % of the chambers' difference off in gain; "
-            "its zero makes them agree on average"
-        )
     constant, why = fit_torque_constant(records, unit.pump.displacement)
     if constant is None:
         out.keep("drive.torque_constant", why)
@@ -134,17 +128,6 @@ def _friction(out: Identification, records: list[Record]) -> None:
             continue
         for name, found in fits[direction].estimates.items():
             out.put(f"friction.{direction}.{name}", found.wider(trials), fits[direction].note)
-
-
-def _gain_mismatch(records: list[Record]) -> float | None:
-    """Slope of the differential sensor over the chambers' difference, less one."""
-    if not (use := [r for r in records if r.redundant]):
-        return None
-    x = np.concatenate([r.smooth(r.pressure_1 - r.pressure_2, 0.05)[~r.gap] for r in use])
-    y = np.concatenate([r.smooth(r.difference, 0.05)[~r.gap] for r in use])
-    x = x - x.mean()
-    spread = float(np.mean(x**2))
-    return None if spread < 1e9 else float(np.mean(x * (y - y.mean())) / spread - 1.0)
 
 
 def fit_torque_constant(records: list[Record], displacement: float) -> tuple[Estimate | None, str]:

@@ -265,10 +265,6 @@ class LogBalances:
         """°C that leakage is referred to: the logs' mean, else the profile's."""
         return unit.oil.reference_temperature if self.temperature is None else self.temperature
 
-    def parts(self, unit: Unit) -> list[VolumeSteps]:
-        """The rows of each log, counted with a profile's volumes."""
-        return [volume_steps(record, unit, self) for record in self.records]
-
     def steps(self, unit: Unit) -> VolumeSteps:
-        """The rows of all logs."""
-        return VolumeSteps.join(self.parts(unit))
+        """The rows of all logs, counted with a profile's volumes."""
+        return VolumeSteps.join([volume_steps(record, unit, self) for record in self.records])

@@ -1,11 +1,8 @@
-"""Leak flow over pressure (thesis 5.2): laminar and orifice parts, over temperature too."""
+"""Leak flow over pressure (thesis 5.2): laminar and orifice parts."""
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from fdd.identification import Array, huber, jackknife_std
@@ -13,14 +10,11 @@ from fdd.identification.balance import GROUPS, LEAST_ROWS, fit_theta
 from fdd.identification.experiments import NORMAL_95, Outcome, axes, cloud, curve_line, points
 from fdd.identification.hydraulics import LEAKAGE_SHARP
 from fdd.identification.record import Record, redundancy_offset
-from fdd.identification.volume_steps import BLOCK, STEPS, LogBalances, Term, VolumeSteps, scales
+from fdd.identification.volume_steps import STEPS, LogBalances, Term, VolumeSteps, scales
 from fdd.report import traces as tr
 from fdd.report.plots import Figure
-from fdd.residuals.oil import viscosity
 from fdd.unit import Unit
 
-WARMING = 5.0
-"""K between the coldest and the warmest tenth of the log from which leakage is told over temperature."""
 APART = 4.0
 """Times the lowest pressures that the highest must be for laminar and orifice flow to be told apart."""
 LEAST_PRESSURE = 2e5
@@ -37,7 +31,7 @@ LIMIT = 4.0
 class _Rows:
     """Leak flow (m³/s) and pressure (Pa) of the longest steps, and the regression through them."""
 
-    def __init__(self, steps: VolumeSteps, temperature: Array, unit: Unit, theta: Array) -> None:
+    def __init__(self, steps: VolumeSteps, unit: Unit, theta: Array) -> None:
         longest = steps.seconds == STEPS[-1]
         m, seconds = steps.m[longest], steps.seconds[longest]
         # Case leakage in the profile's proportion: few logs tell both apart.
@@ -48,17 +42,17 @@ class _Rows:
         self.pressure = -laminar / (scales(unit)[Term.CROSS] * seconds)
         self.pumped = m[:, Term.DISPLACEMENT] / seconds
         self.arrived = (steps.y[longest] - m[:, others] @ theta[others]) / seconds
-        self.block, self.temperature = steps.block[longest], temperature[longest]
+        self.block = steps.block[longest]
 
-    def fit(self, use: NDArray[np.bool_] | slice = slice(None), *, orifice: bool) -> tuple[Array, Array]:
+    def fit(self, *, orifice: bool) -> tuple[Array, Array]:
         """Displacement over the profile's, laminar coefficient, and on wish the orifice's; and their standard
         deviations, jackknifed over blocks of 2 s."""
-        pressure, y = self.pressure[use], self.arrived[use]
+        pressure, y = self.pressure, self.arrived
         root = np.sign(pressure) * np.sqrt(np.abs(pressure))
-        m = np.column_stack([self.pumped[use], -pressure, *([-root] if orifice else [])])
+        m = np.column_stack([self.pumped, -pressure, *([-root] if orifice else [])])
         scale = np.abs(m).max(axis=0)
         whole, weights = huber(m / scale, y, LIMIT)
-        group = np.unique(self.block[use], return_inverse=True)[1] % GROUPS
+        group = np.unique(self.block, return_inverse=True)[1] % GROUPS
         weighted, target = m / scale * weights[:, None], y * weights
         parts = np.array([
             np.linalg.lstsq(weighted[group != g], target[group != g], rcond=None)[0] for g in np.unique(group)
@@ -74,21 +68,13 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     """
     out = Outcome("leakage", "Leak flow over pressure")
     logs = LogBalances(records)
-    reference = logs.reference_temperature(unit)
-    parts = logs.parts(unit)
-    steps = VolumeSteps.join(parts)
+    steps = logs.steps(unit)
     if steps.y.size < LEAST_ROWS:
         out.not_told.append(
             "Leakage: too few steps in which a chamber stays above the accumulator while it moves."
         )
         return out
-    temperatures = []
-    for record, part in zip(records, parts, strict=True):
-        known = record.temperature
-        smooth = np.full(len(record), np.nan) if known is None else record.smooth(known, 5.0)
-        middle = (part.block + 0.5) * BLOCK / record.period
-        temperatures.append(np.interp(middle, np.arange(len(record)), smooth))
-    rows = _Rows(steps, np.concatenate(temperatures), unit, fit_theta(logs, steps, unit)[0])
+    rows = _Rows(steps, unit, fit_theta(logs, steps, unit)[0])
     low, high = (float(q) for q in np.quantile(np.abs(rows.pressure), [0.05, 0.95]))
     gain, gain_std = rows.fit(orifice=False)
     # The share that the pressure sensors' zeros may make: less under load.
@@ -116,7 +102,7 @@ def leakage(records: list[Record], unit: Unit) -> Outcome:
     else:
         out.not_told.append("Volumetric efficiency: the pump never drives against the highest pressure.")
     both = _orifice(out, rows, low, high, zero)
-    _over_temperature(out, rows, unit, reference)
+    reference = logs.reference_temperature(unit)
     out.notes.append(
         f"Total leakage (cross-port and half of the case leakage, thesis eq. 3.50) at {reference:.0f} °C, "
         "split as in the profile; leakage beside it, pump displacement was fitted: it is "
@@ -145,30 +131,6 @@ def _orifice(out: Outcome, rows: _Rows, low: float, high: float, zero: float) ->
     out.tell("laminar part, beside an orifice", both[1], laminar_std, "m^3/(s*Pa)")
     out.tell("orifice part", both[2], reach, "m^3/(s*Pa^0.5)")
     return both
-
-
-def _over_temperature(out: Outcome, rows: _Rows, unit: Unit, reference: float) -> None:
-    t = rows.temperature
-    known = np.isfinite(t)
-    if not known.any():
-        out.not_told.append("Leakage over temperature: oil_temperature is not measured.")
-        return
-    span = float(np.ptp(np.quantile(t[known], [0.1, 0.9])))
-    if span < WARMING:
-        out.not_told.append(
-            f"Leakage over temperature: the oil's changes by {span:.1f} K only, {WARMING:.0f} K are needed."
-        )
-        return
-    out.heads = ("oil temperature", "leakage", "95 %", f"by viscosity, over {reference:.0f} °C")
-    for a, b in pairwise(np.quantile(t[known], [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])):
-        third = known & (t >= a) & (t <= b)
-        found, std = rows.fit(third, orifice=False)
-        middle = float(np.median(t[third]))
-        # What the steps carry is referred to one temperature; this takes it back to its own.
-        thinner = float(viscosity(unit.oil, np.array(reference)) / viscosity(unit.oil, np.array(middle)))
-        value, half = found[1] * thinner, NORMAL_95 * std[1] * thinner
-        interval = f"{value - half:.3g} … {value + half:.3g}"
-        out.rows.append((f"{middle:.1f} °C", f"{value:.3g} m³/(s·Pa)", interval, f"× {thinner:.3g}"))
 
 
 def _draw(out: Outcome, rows: _Rows, gain: Array, profile: float) -> None:
