@@ -43,8 +43,6 @@ LEAST_SIGNAL = 1.5
 """Of pressure changes over noise, from which compression is believed."""
 LEAST_LEAKAGE = 5e-3
 """Of the base's leakage; less than that is the fit's bound, not a pump's."""
-SURPRISING = 4.0
-"""Factor from the base that a note is worth."""
 HIDDEN_LEAKAGE, HIDDEN_CASE = 0.03, 0.25
 """Relative standard deviations to add where the chambers' pressures are reconstructed."""
 HIDDEN_BULK = (0.10, 0.22, 0.35)
@@ -149,10 +147,6 @@ def _with_relief(out: Identification, records: list[Record]) -> Unit:
     value = RELIEF_CLEARANCE * reached
     why = f"healthy pressure differences reach {reached / 1e5:.1f} bar: opens above that"
     out.put("accumulator.relief_pressure", Estimate(value, 0.2 * value), why)
-    out.notes.append(
-        f"the logs reach {reached / 1e5:.1f} bar, beyond the base's relief setting of "
-        f"{setting / 1e5:.1f} bar: it was raised"
-    )
     base = out.base.model_copy(deep=True)
     base.accumulator.relief_pressure = value
     return base
@@ -189,7 +183,7 @@ def _put_gain(out: Identification, fit: BalanceFit) -> None:
         mend = "check units and signs in the channel map, or give a fitting base profile"
         raise InputError(problem, mend=mend)
     sharp = GAIN_SHARP * tolerance(out.base, "pump.displacement")
-    if not _better(out, fit.displacement, out.base.pump.displacement, sharp):
+    if not _better(fit.displacement, out.base.pump.displacement, sharp):
         _keep_gain(out, f"the logs give it to {100 * fit.displacement.relative:.0f} % only, as the base")
         return
     out.put("pump.displacement", fit.displacement, "displacement over area_1, which stays the base's")
@@ -215,7 +209,7 @@ def _put_leakage(out: Identification, fit: BalanceFit, temperature: float | None
     total = fit.total_leakage.wider(extra)
     known = out.base.pump.total_leakage
     enough = total.value > LEAST_LEAKAGE * known
-    if not (enough and _better(out, total, known, LEAKAGE_SHARP, "leakage")):
+    if not (enough and _better(total, known, LEAKAGE_SHARP)):
         why = f"total leakage {total.value:.2g} ± {total.std:.2g} m³/(s·Pa): load the actuator to find it"
         out.keep("pump.cross_port_leakage", why)
         out.keep("pump.case_leakage", why)
@@ -236,7 +230,7 @@ def _put_leakage(out: Identification, fit: BalanceFit, temperature: float | None
 def _put_compressibility(out: Identification, found: Hydraulics) -> None:
     fit, beta, pressure = found.fit, found.bulk_modulus, found.logs.pressure
     seen, known = fit.signal_over_noise >= LEAST_SIGNAL, out.base.oil.bulk_modulus
-    if not (seen and _better(out, beta, known, BULK_SHARP, "bulk modulus")):
+    if not (seen and _better(beta, known, BULK_SHARP)):
         told = f"{beta.value / 1e6:.0f} ± {beta.std / 1e6:.0f} MPa is not sharp enough"
         out.keep("oil.bulk_modulus", f"{told} (pressure changes over noise {fit.signal_over_noise:.1f})")
         return
@@ -252,17 +246,9 @@ def _put_compressibility(out: Identification, found: Hydraulics) -> None:
     )
 
 
-def _better(out: Identification, estimate: Estimate, base: float, sharp: float, quantity: str = "") -> bool:
-    """Whether to take an estimate: it is sharp, or the base is surely farther off; a note where it is far."""
-    if not (estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std):
-        return False
-    ratio = estimate.value / base if base > 0.0 else 1.0
-    if quantity and not 1.0 / SURPRISING < ratio < SURPRISING:
-        out.notes.append(
-            f"{quantity} is {ratio:.2g} times that of base {out.base.name}: another kind of unit, or a "
-            "pressure in the wrong unit of measure"
-        )
-    return True
+def _better(estimate: Estimate, base: float, sharp: float) -> bool:
+    """Whether to take an estimate: it is sharp, or the base is surely farther off."""
+    return estimate.relative < sharp or abs(estimate.value - base) > 3.0 * estimate.std
 
 
 @dataclass(frozen=True)
