@@ -48,9 +48,8 @@ class Line:
     def interval(self, place: int, share: float = 0.95) -> tuple[float, float]:
         """Interval that holds a coefficient with probability `share`."""
         std = float(np.sqrt(self.covariance[place, place]))
-        half = float(student.ppf(0.5 + 0.5 * share, self.freedom)) * std
-        middle = float(self.coefficients[place])
-        return middle - half, middle + half
+        low, high = student.interval(share, self.freedom, self.coefficients[place], std)
+        return float(low), float(high)
 
     def p_value(self, place: int) -> float:
         """Two-sided, of a coefficient that is zero."""

@@ -115,9 +115,8 @@ def judge(
 
 @dataclass(frozen=True)
 class Comparison:
-    """One quantity over the `logs` that tell it: the chance of their scatter; what disagrees, in words."""
+    """One quantity over the logs that tell it: the chance of their scatter; what disagrees, in words."""
 
-    logs: int
     p_value: float
     sentence: str
 
@@ -131,21 +130,19 @@ def disagreement(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> 
     """Compare what each log of a `unit` alone identifies, by a chi-square test of each quantity."""
     if len(logs) < 2:
         return []
-    each = []
-    for samples, label in zip(logs, labels, strict=True):
-        ratios = alone(samples, unit, label, UNMEASURED)
-        # Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
-        each.append({name: (r.value, r.value * r.std) for name, r in ratios.items()})
+    each = [alone(log, unit, label, UNMEASURED) for log, label in zip(logs, labels, strict=True)]
 
     def scatter(x: np.ndarray, weight: np.ndarray) -> float:
         return float(np.sum(weight * (x - np.average(x, weights=weight)) ** 2))
 
     out = []
     for name, (between, _) in BETWEEN.items():
-        told = [(label, *values[name]) for label, values in zip(labels, each, strict=True) if name in values]
+        told = [(label, found[name]) for label, found in zip(labels, each, strict=True) if name in found]
         if len(told) < 2:
             continue
-        x, std = np.array([t[1] for t in told]), np.array([t[2] for t in told])
+        # Not the logarithm: that of a leakage which a log can hardly tell from none has no normal law.
+        x = np.array([r.value for _, r in told])
+        std = x * [r.std for _, r in told]
         weight, quantity = 1.0 / (std**2 + between**2), WORDS[name]
         p_value = float(chdtrc(x.size - 1, scatter(x, weight)))
         odd = int(np.argmin([scatter(np.delete(x, i), np.delete(weight, i)) for i in range(x.size)]))
@@ -155,7 +152,7 @@ def disagreement(unit: Unit, logs: Sequence[Samples], labels: Sequence[str]) -> 
             said = f"{told[odd][0]} disagrees with the others: {quantity} is {times:.3g} times theirs"
         else:
             said = f"{told[0][0]} and {told[1][0]} disagree: {quantity} differs by a factor of {times:.3g}"
-        out.append(Comparison(x.size, p_value, said))
+        out.append(Comparison(p_value, said))
     return sorted(out, key=lambda c: c.p_value)
 
 
@@ -250,7 +247,7 @@ def _open_questions(
         )
     if logs == 1:
         out.remarks.append("one log: whether this unit's logs agree cannot be told; give several")
-    elif not any(c.logs > 1 for c in compared):
+    elif not compared:
         out.limits.append("no quantity is sharp in two logs: whether they agree cannot be told")
     kept = {r.quantity for r in found.table if r.identified is None}
     for path, words in (

@@ -20,7 +20,7 @@ the base's values.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from functools import cached_property
 
@@ -89,17 +89,6 @@ class VolumeSteps:
     chamber: NDArray[np.int64]
     block: NDArray[np.int64]
     seconds: Array
-
-    @staticmethod
-    def join(parts: list[VolumeSteps]) -> VolumeSteps:
-        """All logs' rows together; blocks get numbers of their own."""
-        offset, blocks = 0, []
-        for part in parts:
-            blocks.append(part.block + offset)
-            offset += int(part.block.max(initial=-1)) + 1
-        others = ("m", "y", "noise", "chamber", "seconds")
-        joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in others}
-        return VolumeSteps(**joined, block=np.concatenate(blocks))
 
 
 def scales(unit: Unit) -> Array:
@@ -267,4 +256,10 @@ class LogBalances:
 
     def steps(self, unit: Unit) -> VolumeSteps:
         """The rows of all logs, counted with a profile's volumes."""
-        return VolumeSteps.join([volume_steps(record, unit, self) for record in self.records])
+        parts, offset = [], 0
+        for record in self.records:  # blocks get numbers of their own
+            part = volume_steps(record, unit, self)
+            parts.append(replace(part, block=part.block + offset))
+            offset += int(part.block.max(initial=-1)) + 1
+        names = [f.name for f in fields(VolumeSteps)]
+        return VolumeSteps(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
