@@ -97,6 +97,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(run, one_line, healthy_strok
     pd.DataFrame({"time": log.time, **columns}).to_csv(tmp_path / "bare.csv", index=False)
     command = ("experiment", "frequency-response", tmp_path / "bare.csv", "--input", "command")
     one_line(run(*command), "no command")
+    one_line(run(*command[:3], "--window", 9), "windows of 9 s", "--window")
 
 
 @pytest.mark.parametrize("kind", ["frequency-response", "friction", "leakage", "gain", "bulk-modulus"])

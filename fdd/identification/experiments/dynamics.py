@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import curve_fit
+from scipy.optimize import OptimizeWarning, curve_fit
 from scipy.signal import csd, decimate
 from scipy.stats import f as fisher
 
@@ -25,6 +26,10 @@ NEIGHBOURS = 1.94
 """Frequencies per independent one: the squared correlations of Hann's neighbours, summed."""
 CIRCLE_95 = 2.448
 """Standard deviations of either part of a complex number, in the radius that holds it in 95 %."""
+LEAST_WINDOWS = 8
+"""Of Welch; of fewer, noise alone is coherent."""
+FINEST = 1e-4
+"""Least standard deviation of a response over its size: no sensor is better."""
 COHERENT = 0.6
 """Squared coherence from which the response counts as told."""
 
@@ -95,7 +100,10 @@ class Spectra:
 
 
 def welch(parts: list[Array], period: float, window_s: float) -> Spectra:
-    """Welch's estimate from input and output (n, 2), with Hann windows of `window_s` that overlap by half."""
+    """Welch's estimate from input and output (n, 2), with Hann windows of `window_s` that overlap by half.
+
+    Raises InputError: too few windows in the stretches.
+    """
     rows = max(round(window_s / period), 16)
     powers, windows = np.zeros((3, rows // 2 + 1), dtype=np.complex128), 0
     for part in parts:
@@ -105,13 +113,16 @@ def welch(parts: list[Array], period: float, window_s: float) -> Spectra:
                 cross = csd(part[:, a], part[:, b], 1.0 / period, nperseg=rows, detrend="linear")[1]
                 powers[k] += count * cross
             windows += count
+    if windows < LEAST_WINDOWS:
+        problem = f"{windows} windows of {window_s:.3g} s without a gap, {LEAST_WINDOWS} are needed"
+        raise InputError(problem, mend="give a shorter --window, or longer logs")
     frequency = np.asarray(np.fft.rfftfreq(rows, period), dtype=np.float64)
     use = (frequency > 0.0) & (frequency < 0.4 / period)
     own, out = (np.maximum(x, 1e-12 * x.max(initial=0.0) + 1e-300) for x in powers[:2].real[:, use])
     cross = powers[2, use]
     response = cross / own
     coherence = np.clip(np.abs(cross) ** 2 / own / out, 1e-9, 1.0)
-    free = max(windows / OVERLAPPED, 2.0)
+    free = windows / OVERLAPPED
     share = fisher.ppf(0.95, 2, 2.0 * free - 2.0) / (free - 1.0) * (1.0 / coherence - 1.0)
     return Spectra(frequency[use], response, coherence, np.abs(response) * np.sqrt(share))
 
@@ -168,18 +179,20 @@ def fit_pole_pair(found: Spectra, natural: float) -> PolePair | None:
     It starts from `natural` (Hz); None where it does not converge.
     """
     use = found.coherence > COHERENT
-    f, response, sigma = found.frequency[use], found.response[use], found.radius[use] / CIRCLE_95
+    f, response = found.frequency[use], found.response[use]
+    sigma = np.maximum(found.radius[use] / CIRCLE_95, FINEST * np.abs(response))
 
     def parts(values: NDArray[np.complex128]) -> Array:
         return np.concatenate([values.real, values.imag])
 
     level = float(np.median(response.real[f <= 2.0 * f[0]]))
     try:
-        theta, covariance = curve_fit(
-            lambda f, *theta: parts(_pole_pair(f, *theta)), f, parts(response), (level, natural, 0.3, 0.0),
-            np.tile(sigma, 2), absolute_sigma=True,
-        )  # fmt: skip
-    except RuntimeError:
+        with warnings.catch_warnings(action="error", category=OptimizeWarning):
+            theta, covariance = curve_fit(
+                lambda f, *theta: parts(_pole_pair(f, *theta)), f, parts(response),
+                (level, natural, 0.3, 0.0), np.tile(sigma, 2), absolute_sigma=True,
+            )  # fmt: skip
+    except (RuntimeError, OptimizeWarning):
         return None
     theta[2] *= np.sign(theta[1])
     theta[1] = abs(theta[1])

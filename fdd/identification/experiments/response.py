@@ -100,7 +100,7 @@ def frequency_response(
     given : pump_speed or command. caused : rate, position or pressure_difference.
     window_s : s, of Welch's windows.
 
-    Raises InputError: as `stretches`.
+    Raises InputError: as `stretches` and `welch`.
     """
     natural = from_profile(unit, 0.0).natural_hz
     parts, period = stretches(records, given, caused, RATE * natural)
