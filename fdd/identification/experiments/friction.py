@@ -146,14 +146,13 @@ def _direction(
             out.told.append(told)
         else:
             vague.append(words)
-    slowest, fastest, limit = 1e3 * v[0], 1e3 * v[-1], 1e3 * base.stribeck_velocity
-    if slowest > SLOW * limit:
+    if not slow:
         out.not_told.append(
-            f"No steady strokes {name} below {slowest:.3g} mm/s: the Stribeck part is not told "
-            f"(the profile's Stribeck velocity is {limit:.3g} mm/s)."
+            f"No steady strokes {name} below {1e3 * v[0]:.3g} mm/s: the Stribeck part is not told "
+            f"(the profile's Stribeck velocity is {1e3 * base.stribeck_velocity:.3g} mm/s)."
         )
-    if fastest < FAST * limit:
-        out.not_told.append(f"No strokes {name} above {fastest:.3g} mm/s: the viscous part is not told.")
+    if not fast:
+        out.not_told.append(f"No strokes {name} above {1e3 * v[-1]:.3g} mm/s: the viscous part is not told.")
     if vague:
         said, they = listed(vague, "and"), "it" if len(vague) == 1 else "them"
         out.not_told.append(
