@@ -237,10 +237,6 @@ def experiment(
     given: Annotated[
         Literal["pump_speed", "command"], typer.Option("--input", help="Of the frequency response.")
     ] = "pump_speed",
-    caused: Annotated[
-        Literal["rate", "position", "pressure_difference"],
-        typer.Option("--output", help="Of the frequency response; rate is the piston's velocity."),
-    ] = "rate",
     window: Annotated[
         float, typer.Option(min=0.05, max=60.0, help="s, windows of its measured spectra.")
     ] = 1.0,
@@ -261,7 +257,7 @@ def experiment(
 
     require_outputs(json_, html)
     profile = Unit.load(unit)
-    response = partial(frequency_response, given=given, caused=caused, window_s=window)
+    response = partial(frequency_response, given=given, window_s=window)
     kinds: dict[Experiment, Callable[[list[Record], Unit], Outcome]] = {
         "frequency-response": response, "friction": friction, "leakage": leakage, "gain": gain,
         "bulk-modulus": bulk_modulus,

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.identification.experiments.response import Coefficients, from_profile
 from fdd.measures import ATMOSPHERE_PA
 from fdd.plant.details import Details
 from fdd.plant.faults import FaultScales, FaultSpec
@@ -213,6 +212,32 @@ def small_motion(unit: Unit, viscous: float, seed: int) -> tuple[Array, Array]:
     command = np.concatenate([np.zeros(100), np.full(600, 10.0)])
     truth = rig.run_speed(linear, command, details=details, seed=seed).truth
     return truth["pump_speed"], truth["velocity"]
+
+
+class Coefficients(NamedTuple):
+    """Eq. 5.22 without its integrator: v/ω = numerator / (s² + damping·s + stiffness)."""
+
+    numerator: float
+    damping: float
+    stiffness: float
+
+    @property
+    def natural_hz(self) -> float:
+        """Undamped natural frequency."""
+        return float(np.sqrt(self.stiffness)) / (2.0 * np.pi)
+
+
+def from_profile(unit: Unit, viscous: float) -> Coefficients:
+    """Eq. 5.22 with the unit's numbers and friction `viscous` (N·s/m)."""
+    cylinder = unit.cylinder
+    area, mass, leakage = cylinder.area_1, cylinder.moving_mass, unit.pump.total_leakage
+    # Each side holds 2 V_o.
+    stiffness = unit.oil.bulk_modulus / (0.25 * (cylinder.volume_1 + cylinder.volume_2))
+    return Coefficients(
+        numerator=area * stiffness * unit.pump.displacement / mass,
+        damping=viscous / mass + leakage * stiffness,
+        stiffness=(area**2 + leakage * viscous) * stiffness / mass,
+    )
 
 
 def found_again(unit: Unit, viscous: float, seed: int) -> Coefficients:

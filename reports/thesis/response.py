@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.identification.experiments.dynamics import half_power_frequency
-from fdd.identification.experiments.response import decibel, degrees, from_profile
+from fdd.identification.experiments.response import decibel, degrees
 from fdd.plant.details import Details
 from fdd.unit import Unit
 from reports.thesis import runs as rig
+from reports.thesis.flow import from_profile
 from reports.writing import Curve, Panel
 
 Array = NDArray[np.float64]

@@ -15,12 +15,13 @@ from fdd.identification.experiments.dynamics import fit_pole_pair, half_power_fr
 from fdd.identification.experiments.friction import friction
 from fdd.identification.experiments.gain import gain
 from fdd.identification.experiments.leakage import leakage
-from fdd.identification.experiments.response import frequency_response, from_profile
+from fdd.identification.experiments.response import frequency_response
 from fdd.identification.record import Record, even_record
 from fdd.plant import oil as plant_oil
 from fdd.plant.details import Details
 from fdd.plant.simulate import Simulation, simulate
 from fdd.residuals.oil import air_compliance
+from reports.thesis.flow import from_profile
 from reports.thesis.runs import VOLT, identification_volts, run_speed
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ SHOWN = {
     "m^3/rad": (2e6 * pi, "cm³/turn"), "m^3/(s*Pa)": (1e12, "1e-12 m³/(s·Pa)"), "Pa": (1e-5, "bar"),
     "m^3": (1e6, "cm³"), "m^2": (1e4, "cm²"), "degC": (1.0, "°C"), "1": (1.0, ""),
     "m^3/s": (6e7, "mL/min"), "m/s": (1e3, "mm/s"), "m/rad": (2e3 * pi, "mm/turn"), "N*s/m": (1.0, "N·s/m"),
-    "rad": (180.0 / pi, "°"), "rad/s": (30.0 / pi, "rpm"), "Pa*s/rad": (1e-5 * pi / 30.0, "bar/rpm"),
+    "rad": (180.0 / pi, "°"), "rad/s": (30.0 / pi, "rpm"),
     "m^3/(s*Pa^0.5)": (6e7 * 1e5**0.5, "mL/min/√bar"),
 }  # fmt: skip
 """SI unit to factor and unit for people."""

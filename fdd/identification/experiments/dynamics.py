@@ -34,16 +34,15 @@ COHERENT = 0.6
 """Squared coherence from which the response counts as told."""
 
 
-def stretches(records: list[Record], given: str, caused: str, rate_hz: float) -> tuple[list[Array], float]:
-    """Input and output (n, 2) in the stretches of all logs with the strongest input, and their interval (s).
+def stretches(records: list[Record], given: str, rate_hz: float) -> tuple[list[Array], float]:
+    """Input and velocity (n, 2) in all stretches with the strongest input, and their sampling interval (s).
 
     Every signal is averaged over each interval: for a held command and for counts of an encoder that is
     exact, where rates taken at one instant would be late by half a sample.
 
     Parameters
     ----------
-    records : logs of one sampling rate. given : pump_speed or command.
-    caused : rate, position or pressure_difference. rate_hz : the grid is no coarser than this.
+    records : logs of one sampling rate. given : pump_speed or command. rate_hz : the grid is no coarser.
 
     Raises InputError: no command in the log, logs of different rates, or no gapless two seconds.
     """
@@ -53,7 +52,7 @@ def stretches(records: list[Record], given: str, caused: str, rate_hz: float) ->
     coarser = max(int(1.0 / (period * rate_hz)), 1)
     found = []
     for record in records:
-        signals = np.column_stack([np.diff(_integral(record, c)) / period for c in (given, caused)])
+        signals = np.diff(np.column_stack([_integral(record, given), record.position]), axis=0) / period
         edges = np.flatnonzero(np.diff(np.concatenate(([0], (~record.gap[1:]).astype(np.int8), [0]))))
         for start, stop in edges.reshape(-1, 2):
             count = -(-(stop - start) // round(LONGEST / period))
@@ -69,17 +68,13 @@ def stretches(records: list[Record], given: str, caused: str, rate_hz: float) ->
     return [found[k] for k in kept], coarser * period
 
 
-def _integral(record: Record, name: str) -> Array:
-    """(n,) what, differenced, is a signal's mean over each sampling interval."""
-    if name == "pump_speed":
+def _integral(record: Record, given: str) -> Array:
+    """(n,) what, differenced, is the input's mean over each sampling interval."""
+    if given == "pump_speed":
         return record.angle
-    if name in ("rate", "position"):
-        return record.position
-    values = record.difference if name == "pressure_difference" else record.command
-    if values is None:
+    if record.command is None:
         raise InputError("the log has no command", mend="use --input pump_speed, or map a column to command")
-    held = values if name == "command" else np.append(0.5 * (values[1:] + values[:-1]), 0.0)
-    return np.concatenate([[0.0], np.cumsum(held[:-1]) * record.period])
+    return np.concatenate([[0.0], np.cumsum(record.command[:-1]) * record.period])
 
 
 @dataclass(frozen=True)

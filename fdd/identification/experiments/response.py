@@ -5,13 +5,12 @@ With what the thesis leaves to the eye: coherence, and confidence of the respons
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import pi, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.data_sheet.plausibility import resonance
 from fdd.identification import Array
 from fdd.identification.experiments import Outcome, Told, axes, curve_line
 from fdd.identification.experiments.dynamics import (
@@ -40,42 +39,6 @@ LEAST_FIT = 0.9
 """Of a pole pair in the response: one that sticks and slips has none."""
 SHARP = 0.1
 """Relative standard deviation of a natural frequency up to which it is a figure."""
-UNITS = {"rate": "m/rad", "position": "m/rad", "pressure_difference": "Pa*s/rad"}
-NAMES = {"pump_speed": "pump speed", "command": "command", "rate": "velocity", "position": "position",
-         "pressure_difference": "pressure difference"}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Coefficients:
-    """Eq. 5.22 without its integrator: v/ω = numerator / (s² + damping·s + stiffness)."""
-
-    numerator: float
-    damping: float
-    stiffness: float
-
-    @property
-    def natural_hz(self) -> float:
-        """Undamped natural frequency."""
-        return sqrt(self.stiffness) / (2.0 * pi)
-
-
-def from_profile(unit: Unit, viscous: float) -> Coefficients:
-    """Eq. 5.22 with the unit's numbers and friction `viscous` (N·s/m).
-
-    Examples
-    --------
-    >>> round(from_profile(Unit.load("axis_a"), 0.0).natural_hz, 1)
-    55.5
-    """
-    cylinder = unit.cylinder
-    area, mass, leakage = cylinder.area_1, cylinder.moving_mass, unit.pump.total_leakage
-    # Each side holds 2 V_o.
-    stiffness = unit.oil.bulk_modulus / (0.25 * (cylinder.volume_1 + cylinder.volume_2))
-    return Coefficients(
-        numerator=area * stiffness * unit.pump.displacement / mass,
-        damping=viscous / mass + leakage * stiffness,
-        stiffness=(area**2 + leakage * viscous) * stiffness / mass,
-    )
 
 
 def decibel(response: NDArray[np.complex128] | Array) -> Array:
@@ -89,22 +52,20 @@ def degrees(response: NDArray[np.complex128]) -> Array:
 
 
 def frequency_response(
-    records: list[Record], unit: Unit, *, given: str = "pump_speed", caused: str = "rate",
-    window_s: float = 1.0,
-) -> Outcome:  # fmt: skip
-    """Estimate the response of `caused` to `given`.
+    records: list[Record], unit: Unit, *, given: str = "pump_speed", window_s: float = 1.0
+) -> Outcome:
+    """Estimate the response of the piston's velocity to an input.
 
     Parameters
     ----------
     unit : profile, whose natural frequency sets the grid and is compared with.
-    given : pump_speed or command. caused : rate, position or pressure_difference.
-    window_s : s, of Welch's windows.
+    given : pump_speed or command. window_s : s, of Welch's windows.
 
     Raises InputError: as `stretches` and `welch`.
     """
-    natural = from_profile(unit, 0.0).natural_hz
-    parts, period = stretches(records, given, caused, RATE * natural)
-    out = Outcome("frequency-response", f"Frequency response, {NAMES[given]} to {NAMES[caused]}")
+    natural = resonance(unit)
+    parts, period = stretches(records, given, RATE * natural)
+    out = Outcome("frequency-response", f"Frequency response, {given.replace('_', ' ')} to velocity")
     found = welch(parts, period, window_s)
     # The highest frequency with coherence about it.
     smooth = np.convolve(found.coherence, np.full(3, 1.0 / 3.0), mode="same")
@@ -116,8 +77,8 @@ def frequency_response(
             "binary noise about a constant speed."
         )
     else:
-        _tell_levels(out, found, UNITS[caused])
-        if given == "pump_speed" and caused != "pressure_difference":
+        _tell_levels(out, found)
+        if given == "pump_speed":
             poles = _tell_poles(out, found, natural)
         if coherent[-1] < 0.9 * found.frequency[-1]:
             out.not_told.append(
@@ -136,9 +97,7 @@ def frequency_response(
             f"{seconds:.0f} s with the strongest input, every {1e3 * period:.3g} ms; Welch's method, Hann "
             f"windows of {window_s:.3g} s."
         )
-    if caused == "position":
-        out.notes.append("Poles and gain are of the velocity; position is its integral, a pole at zero more.")
-    _draw(out, found, poles, natural, NAMES[caused], integrate=caused == "position")
+    _draw(out, found, poles, natural)
     return out
 
 
@@ -159,14 +118,14 @@ def _tell_poles(out: Outcome, found: Spectra, natural: float) -> PolePair | None
     return None
 
 
-def _tell_levels(out: Outcome, found: Spectra, unit: str) -> None:
+def _tell_levels(out: Outcome, found: Spectra) -> None:
     """Level of the lowest octave, and the -3 dB frequency below it."""
     seen = found.coherence > COHERENT
     f, size, radius = found.frequency[seen], np.abs(found.response[seen]), found.radius[seen]
     lowest = f <= 2.0 * f[0]
     level = float(np.median(size[lowest]))
     octave = f"from {f[0]:.2g} to {2.0 * f[0]:.2g} Hz"
-    out.told.append(Told.within("gain by Welch", level, float(np.median(radius[lowest])), unit, octave))
+    out.told.append(Told.within("gain by Welch", level, float(np.median(radius[lowest])), "m/rad", octave))
     value = half_power_frequency(f, size, level)
     # About this crossing: where the band surely is above before, and surely below after.
     above = f[(f <= value) & (size - radius > level / np.sqrt(2.0))]
@@ -181,13 +140,9 @@ def _tell_levels(out: Outcome, found: Spectra, unit: str) -> None:
     out.told.append(Told("-3 dB bandwidth by Welch", value, float(above[-1]), high, "Hz", note))
 
 
-def _draw(
-    out: Outcome, measured: Spectra, poles: PolePair | None, natural: float, name: str, *, integrate: bool
-) -> None:
-    f = measured.frequency
-    turned = 2j * np.pi * f if integrate else np.ones_like(f)
-    response, radius = measured.response / turned, measured.radius / np.abs(turned)
-    size, phase = np.abs(response), degrees(response)
+def _draw(out: Outcome, measured: Spectra, poles: PolePair | None, natural: float) -> None:
+    f, radius = measured.frequency, measured.radius
+    size, phase = np.abs(measured.response), degrees(measured.response)
     low, high = np.maximum(size - radius, 0.0), size + radius
     spread = np.degrees(np.arcsin(np.minimum(radius / np.maximum(size, 1e-300), 1.0)))
     out.curves["measured"] = {
@@ -204,7 +159,7 @@ def _draw(
     ]
     if poles is not None:
         fine = np.geomspace(f[0], f[-1], 300)
-        response = poles.at(fine) / (2j * np.pi * fine if integrate else 1.0)
+        response = poles.at(fine)
         modelled = degrees(response)
         # Whole turns bring the fit's phase next to the measured one.
         modelled += 360.0 * float(np.round((phase[0] - modelled[0]) / 360.0))
@@ -224,7 +179,7 @@ def _draw(
     note = f"shaded: 95 % of Welch; dotted upright: the profile's natural frequency, {natural:.3g} Hz"
     coherence = [curve_line(f, measured.coherence, "Welch", tr.BLUE)]
     out.figures = [
-        Figure("magnitude", f"Magnitude of {name}", magnitude, reach(decibel(size), 10.0), "dB", note, 340,
+        Figure("magnitude", "Magnitude of velocity", magnitude, reach(decibel(size), 10.0), "dB", note, 340,
                True),
         Figure("phase", "Phase", angle, reach(phase, 45.0), "°", "", 300, True),
         Figure("coherence", "Squared coherence", coherence, layout | {"yaxis": {"range": [0, 1.02]}}, "",
