@@ -60,7 +60,6 @@ MOST_SCHEMA_FILES = 1000  # files of a Protobuf schema
 
 # Texts
 MAX_MAP_BYTES = 1_000_000  # bytes of a channel map
-MAX_WORDS_BYTES = 200_000  # bytes of a file of words
 MAX_UNIT_BYTES = 2_000_000  # bytes of a unit profile
 MAX_RECIPE_BYTES = 1_000_000  # bytes of a recipe
 MAX_ANSWER_BYTES = 100_000  # bytes of a data sheet's answers

@@ -92,20 +92,19 @@ def map(
             "--set", metavar="CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]",
         ),
     ] = None,
-    words: Annotated[Path | None, option("Your own words in signal names (fdd.words/1).")] = None,
     yes: Annotated[bool, option("Take the likeliest answer to every question.", "--yes", "-y")] = False,
 ) -> None:  # fmt: skip
     """Propose a channel map from names, units and what the signals do; ask where that is not enough."""
     from fdd.cli.console import output, progress, remark
     from fdd.logs import ChannelMap, read_log
     from fdd.logs.formats import open_log
-    from fdd.logs.mapping import Words, balance_words, given_of, propose
+    from fdd.logs.mapping import balance_words, given_of, propose
 
     require_writable(out)
     known = given_of(given or [])
     with progress(f"reading {logs[0].name}"):
         log = open_log(logs[0])
-        found = propose(log, Words(words), known)
+        found = propose(log, known)
     console = output()
     if found.questions and not yes and not sys.stdin.isatty():
         asked = (f"{q.text} Likeliest: {', or else '.join(q.options)}" for q in found.questions)

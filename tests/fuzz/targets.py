@@ -17,7 +17,7 @@ from fdd.diagnosis.model import Model
 from fdd.errors import InputError
 from fdd.logs import ChannelMap, read_log
 from fdd.logs.formats import LogFile, open_log
-from fdd.logs.mapping import Words, propose
+from fdd.logs.mapping import propose
 from fdd.monitor import LineParser
 from fdd.monitor.stream import split_lines
 from fdd.unit import Unit
@@ -130,7 +130,6 @@ KINDS: dict[str, Kind] = {
     ),
     "mcap": Kind(lambda path: _log(path, TOPICS), _plain(mcap_changed)),
     "map": Kind(ChannelMap.load, data_changed, ("examples/*.map.yaml",)),
-    "words": Kind(lambda path: Words(path).concepts("Speicherdruck"), data_changed),
     "unit": Kind(_profile, data_changed, ("fdd/units/*.yaml", "fdd/demo/unit.yaml")),
     "model": Kind(_model, data_changed, ("fdd/diagnosis/model.json",)),
     "recipe": Kind(Recipe.load, data_changed, ("datasets/*.yaml",)),

@@ -16,7 +16,7 @@ from fdd.errors import InputError
 from fdd.logs import read_log
 from fdd.logs.channel_map import ChannelMap
 from fdd.logs.formats import Signal, open_log
-from fdd.logs.mapping import Words, given_of, propose
+from fdd.logs.mapping import given_of, propose
 from fdd.logs.mapping.behaviour import counts_a_turn
 from fdd.logs.mapping.concepts import name_scores
 from fdd.measures import Measure, find_measure
@@ -132,25 +132,18 @@ def test_what_no_unit_tells_is_asked_and_a_scale_keeps_the_sign_that_was_found(l
     np.testing.assert_allclose(read["position"], log["position"], atol=1e-5)
 
 
-def test_what_the_user_knows_and_calls_it_goes_first(log, tmp_path):
+def test_what_the_user_knows_goes_first(log, tmp_path):
     written(log, RIGS["french"], tmp_path / "log.csv")
     chambers = {"Pression chambre 1 (bar)", "Pression chambre 2 (bar)"}
     options = [f"pressure_{k}={name}" for k, name in zip((2, 1), sorted(chambers), strict=True)]
-    found = propose(open_log(tmp_path / "log.csv"), None, given_of([*options, "motor_current="]))
+    found = propose(open_log(tmp_path / "log.csv"), given_of([*options, "motor_current="]))
     assert {found.rows[c].source.column for c in ("pressure_1", "pressure_2")} == chambers
     assert "motor_current" not in found.rows and "Courant moteur (A)" in found.unused
-    (tmp_path / "words.yaml").write_text("schema: fdd.words/1\nwords: {position: [schuifpositie]}\n")
-    words = Words(tmp_path / "words.yaml")
-    scores = name_scores(Signal("Schuifpositie"), words)
-    assert max(scores, key=lambda c: scores[c]) == "position" and scores["position"] >= 2.0
-
-
-WORDS = Words()
 
 
 @given(st.text(max_size=40), st.text(max_size=8))
 def test_any_name_and_unit_have_scores(name, unit):
-    scores = name_scores(Signal(name, unit=unit), WORDS)
+    scores = name_scores(Signal(name, unit=unit))
     assert all(np.isfinite(s) for s in scores.values())
 
 

@@ -17,12 +17,12 @@ from fdd.logs.formats import LogFile, Signal
 from fdd.logs.formats.trees import path_parts
 from fdd.logs.mapping.assignment import Choice, Question, assign, scale_of, signs_of, with_units
 from fdd.logs.mapping.behaviour import Signals
-from fdd.logs.mapping.concepts import RULES, Words
+from fdd.logs.mapping.concepts import RULES
 from fdd.logs.mapping.evidence import Clues, gather
 from fdd.measures import measure
 from fdd.samples import CHANNELS, Samples, missing_required
 
-__all__ = ["Given", "Proposal", "Question", "Words", "balance_words", "given_of", "propose"]
+__all__ = ["Given", "Proposal", "Question", "balance_words", "given_of", "propose"]
 
 SURE = 0.9
 """Below it a channel that a diagnosis needs is asked for; below `LIKELY` any other is left out."""
@@ -154,7 +154,7 @@ class Proposal:
         return "\n".join(lines) + "\n"
 
 
-def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | None = None) -> Proposal:
+def propose(log: LogFile, given: dict[str, Given] | None = None) -> Proposal:
     """Propose a map for a log; `given`: what the user knows, by channel (`given_of`).
 
     Raises InputError: nothing in the log can be its time, or a given signal is not there.
@@ -167,7 +167,7 @@ def propose(log: LogFile, words: Words | None = None, given: dict[str, Given] | 
         for channel, known in given.items()
         if known.signal is not None and channel in CHANNELS
     }
-    found = gather(log, words or Words(), signals)
+    found = gather(log, signals)
     chosen = assign(found.scores, [c for c in RULES if c != "time"])
     out = Proposal()
     if found.time is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fdd.logs.channel_map import ChannelSource
 from fdd.logs.mapping.behaviour import correlation
+from fdd.logs.mapping.concepts import taken_apart
 from fdd.logs.mapping.evidence import Clues
 from fdd.measures import MEASURES, find_measure, measure
 from fdd.samples import CHANNELS
@@ -115,7 +116,7 @@ def signs_of(found: Clues, chosen: dict[str, Choice]) -> tuple[dict[str, int], l
     if abs(t) < CLEAR_T:
         notes.append("this log does not tell which chamber the pump fills: chambers are taken as named")
     forwards, raises = along > 0.0, t > 0.0 or abs(t) < CLEAR_T
-    told = {word for signal in (one, two) if signal for word in found.words.taken_apart(signal)}
+    told = {word for signal in (one, two) if signal for word in taken_apart(signal)}
     turned: tuple[str, ...] = ()
     if not forwards and raises:
         turned = MOTION

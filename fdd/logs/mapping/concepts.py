@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from functools import lru_cache
+from functools import cache
 from importlib import resources
-from pathlib import Path
 from typing import NamedTuple
 
-from fdd.bounds import MAX_WORDS_BYTES
-from fdd.errors import InputError
+import yaml
+
 from fdd.logs.formats import Signal
 from fdd.logs.formats.trees import bare_name, path_parts, unit_in_name
 from fdd.measures import find_measure
 from fdd.samples import CHANNELS
-from fdd.yaml_reading import yaml_mapping, yaml_text
 
 _UNIT_CONCEPTS = {
     "pressure": "pressure", "angular_speed": "speed", "angle": "angle", "length": "position",
@@ -61,9 +59,6 @@ RULES: dict[str, Rule] = {
     ),
     "load_force": _rule("force", "measured", "command pressure temperature speed"),
 }  # fmt: skip
-_KNOWN = {c for r in RULES.values() for need in r.needs for c in need} | {
-    "flow", "measured", "voltage", "elsewhere",
-}  # fmt: skip
 _GREEK = {
     chr(code): f" {name.split()[-1].lower()} "
     for code in range(0x391, 0x3CA)
@@ -79,70 +74,61 @@ _RAW = {
 """Dimensions of a sensor's or a demand's raw signal, which a scale makes a channel of."""
 
 
-class Words:
-    """Words and the concepts that each may stand for; `more`: a file of a user's own besides (fdd.words/1).
+@cache
+def _meanings() -> dict[str, set[str]]:
+    """Words, plain, and the concepts that each may stand for."""
+    text = resources.files("fdd.logs.mapping").joinpath("words.yaml").read_text(encoding="utf-8")
+    found: dict[str, set[str]] = {}
+    for concept, words in yaml.safe_load(text).items():
+        for word in words:
+            found.setdefault(_plain(word), set()).add(concept)
+    return found
+
+
+def concepts(name: str) -> set[str]:
+    """The concepts of all words in a name.
 
     Examples
     --------
-    >>> sorted(Words().concepts("Speicherdruck"))
+    >>> sorted(concepts("Speicherdruck"))
     ['accumulator', 'pressure']
     """
-
-    def __init__(self, more: str | Path | None = None) -> None:
-        self._meanings: dict[str, set[str]] = {}
-        text = resources.files("fdd.logs.mapping").joinpath("words.yaml").read_text(encoding="utf-8")
-        self._add(text, "words.yaml")
-        if more is not None:
-            path = Path(more)
-            self._add(yaml_text(path, "file of words", MAX_WORDS_BYTES, "give a YAML file"), path)
-
-    def _add(self, text: str, where: str | Path) -> None:
-        data = yaml_mapping(text, where, "file of words", schema="fdd.words/1").get("words")
-        if not isinstance(data, dict):
-            raise InputError("no words", where=where, mend="write words: and a list for each meaning")
-        for concept, words in data.items():
-            if concept not in _KNOWN or not isinstance(words, list):
-                mend = f"use: {', '.join(sorted(_KNOWN))}"
-                raise InputError(f"{concept!r} is no meaning", where=where, mend=mend)
-            for word in words:
-                self._meanings.setdefault(_plain(str(word)), set()).add(str(concept))
-
-    def concepts(self, name: str) -> set[str]:
-        """The concepts of all words in a name."""
-        return {concept for word in self.taken_apart(name) for concept in self._meanings.get(word, ())}
-
-    def taken_apart(self, name: str) -> list[str]:
-        """The words of a name; what is in no list stays as it is.
-
-        Examples
-        --------
-        >>> [Words().taken_apart(name) for name in ("PrExt", "pumpspeed", "p_1", "Δp")]
-        [['pr', 'ext'], ['pump', 'speed'], ['p', '1'], ['delta', 'p']]
-        """
-        name = "".join(_GREEK.get(letter, letter) for letter in name)
-        spaced = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
-        spaced = re.sub(r"(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", spaced)
-        return [part for word in re.findall(r"[a-z0-9]+", _plain(spaced)) for part in self._parts(word)]
-
-    def _parts(self, word: str) -> list[str]:
-        """A word, or the fewest known words that make it up, none inside of fewer than three letters."""
-        if word in self._meanings or word in _SMALL:
-            return [word]
-        best: list[list[str] | None] = [[]]
-        for end in range(1, len(word) + 1):
-            ways = (
-                [*before, word[start:end]]
-                for start in range(max(0, end - 20), end)
-                if (before := best[start]) is not None
-                and word[start:end] in self._meanings
-                and (start == 0 or end == len(word) or end - start >= 3)
-            )
-            best.append(min(ways, key=len, default=None))
-        whole = best[-1]
-        return whole if whole is not None and len(whole) <= max(2, len(word) // 3) else [word]
+    return {concept for word in taken_apart(name) for concept in _meanings().get(word, ())}
 
 
-@lru_cache(maxsize=4096)
+def taken_apart(name: str) -> list[str]:
+    """The words of a name; what is in no list stays as it is.
+
+    Examples
+    --------
+    >>> [taken_apart(name) for name in ("PrExt", "pumpspeed", "p_1", "Δp")]
+    [['pr', 'ext'], ['pump', 'speed'], ['p', '1'], ['delta', 'p']]
+    """
+    name = "".join(_GREEK.get(letter, letter) for letter in name)
+    spaced = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
+    spaced = re.sub(r"(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", spaced)
+    return [part for word in re.findall(r"[a-z0-9]+", _plain(spaced)) for part in _parts(word)]
+
+
+def _parts(word: str) -> list[str]:
+    """A word, or the fewest known words that make it up, none inside of fewer than three letters."""
+    known = _meanings()
+    if word in known or word in _SMALL:
+        return [word]
+    best: list[list[str] | None] = [[]]
+    for end in range(1, len(word) + 1):
+        ways = (
+            [*before, word[start:end]]
+            for start in range(max(0, end - 20), end)
+            if (before := best[start]) is not None
+            and word[start:end] in known
+            and (start == 0 or end == len(word) or end - start >= 3)
+        )
+        best.append(min(ways, key=len, default=None))
+    whole = best[-1]
+    return whole if whole is not None and len(whole) <= max(2, len(word) // 3) else [word]
+
+
 def _plain(text: str) -> str:
     """Small letters without accents; German's umlauts as two letters."""
     text = text.translate(_UMLAUTS)
@@ -164,7 +150,7 @@ def dimension_of(unit: str | None) -> str | None:
     return next((d for d in _UNIT_CONCEPTS if find_measure(unit, d) is not None), None)
 
 
-def said_and_unit(signal: Signal, words: Words) -> tuple[set[str], str | None]:
+def said_and_unit(signal: Signal) -> tuple[set[str], str | None]:
     """The concepts of a signal's own words, and its unit: the file's, or else the one that ends its name.
 
     One letter behind a name is a unit only where the name does not measure something else: ``i_A`` is in
@@ -172,7 +158,7 @@ def said_and_unit(signal: Signal, words: Words) -> tuple[set[str], str | None]:
 
     Examples
     --------
-    >>> said_and_unit(Signal("i_A"), Words()), said_and_unit(Signal("p_A"), Words())[1]
+    >>> said_and_unit(Signal("i_A")), said_and_unit(Signal("p_A"))[1]
     (({'current'}, 'A'), None)
     """
     before, own = path_parts(signal.name)
@@ -182,33 +168,33 @@ def said_and_unit(signal: Signal, words: Words) -> tuple[set[str], str | None]:
     bare, unit, last = bare_name(own), unit_in_name(own), own.rsplit(".", 1)[-1]
     rest = own[: len(bare)] if own.lower().startswith(bare) else bare
     # A unit stands behind something: pA by itself, in any letters, is a port's pressure.
-    behind = (bool(context) or last != own) and not words.concepts(last) & {"chamber_1", "chamber_2"}
+    behind = (bool(context) or last != own) and not concepts(last) & {"chamber_1", "chamber_2"}
     if behind and file_unit is None and unit is None and len(last) > 1 and dimension_of(last) is not None:
         rest, unit = context, last
     if unit is not None:
-        measured = words.concepts(rest) & set(_UNIT_CONCEPTS.values())
+        measured = concepts(rest) & set(_UNIT_CONCEPTS.values())
         means = _UNIT_CONCEPTS.get(dimension_of(unit) or "")
         letter = len(unit) == 1 and not own.rstrip().endswith(("]", ")"))
         if means is None or (letter and measured and means not in measured and means != "voltage"):
             rest, unit = own, None
-    said = words.concepts(rest)
+    said = concepts(rest)
     means = _UNIT_CONCEPTS.get(dimension_of(file_unit or unit) or "")
     heard = said | ({means} if means else set())
     if len(rest) == 1 or not said or not any(n <= heard for rule in RULES.values() for n in rule.needs):
-        said |= words.concepts(context) - {"command"}  # e.g. the pressure of the folder accumulator
+        said |= concepts(context) - {"command"}  # e.g. the pressure of the folder accumulator
     return said, file_unit or unit
 
 
-def name_scores(signal: Signal, words: Words) -> dict[str, float]:
+def name_scores(signal: Signal) -> dict[str, float]:
     """Evidence in nats that the signal is each of the channels that its name and unit allow, by channel.
 
     Examples
     --------
-    >>> scores = name_scores(Signal("Druck A", unit="bar"), Words())
+    >>> scores = name_scores(Signal("Druck A", unit="bar"))
     >>> max(scores, key=scores.get)
     'pressure_1'
     """
-    said, unit = said_and_unit(signal, words)
+    said, unit = said_and_unit(signal)
     own, dimension = signal.field or path_parts(signal.name)[1], dimension_of(unit)
     if own in CHANNELS and dimension in (None, CHANNELS[own].dimension):
         return {own: 10.0}

@@ -13,7 +13,7 @@ from fdd.errors import InputError
 from fdd.logs.formats import LogFile, Signal
 from fdd.logs.formats.trees import grows, is_time_name, path_parts, time_unit
 from fdd.logs.mapping.behaviour import Shaft, Signals, correlation, find_shaft
-from fdd.logs.mapping.concepts import Words, dimension_of, name_scores, said_and_unit
+from fdd.logs.mapping.concepts import dimension_of, name_scores, said_and_unit
 from fdd.logs.rates import aligned
 from fdd.measures import measure
 from fdd.samples import CHANNELS
@@ -45,7 +45,7 @@ class Clues:
     data : on one time base.
     scores : signal to channel to nats.
     units : signal to the unit that the file or its name gives.
-    words : that names were read by. said : signal to the concepts of its name.
+    said : signal to the concepts of its name.
     time : the column of the time and its unit, where the file does not tell by itself.
     reasons : (signal, channel) to what spoke for it.
     unnamed : signals of which neither name nor unit says anything, the user's among them.
@@ -56,7 +56,6 @@ class Clues:
     data: Signals
     scores: dict[str, dict[str, float]]
     units: dict[str, str | None]
-    words: Words
     said: dict[str, set[str]]
     time: tuple[str, str] | None = None
     reasons: dict[tuple[str, str], list[str]] = field(default_factory=dict)
@@ -86,12 +85,12 @@ class Clues:
         return best if best is not None and self.scores[best].get(channel, -9.0) >= NAMED else None
 
 
-def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
+def gather(log: LogFile, given: dict[str, str]) -> Clues:
     """Read a log's signals and score them; `given`: channel to signal, as the user knows it, "" for none.
 
     Raises InputError: nothing in the log can be its time.
     """
-    found = _read(log, words)
+    found = _read(log)
     for name, channels in found.scores.items():
         best = max(channels.values(), default=0.0)
         reason = "its name and unit" if found.units[name] else "its name"
@@ -110,7 +109,7 @@ def gather(log: LogFile, words: Words, given: dict[str, str]) -> Clues:
     return found
 
 
-def _read(log: LogFile, words: Words) -> Clues:
+def _read(log: LogFile) -> Clues:
     """All signals on the time base of the one with most rows, and what names and units say."""
     raw = log.read(log.signals)
     main = max(log.signals.values(), key=lambda s: raw[s.name].size).clock
@@ -132,14 +131,14 @@ def _read(log: LogFile, words: Words) -> Clues:
             columns[name] = values
     known = {n: log.signals[n] for n in columns}
     plain = _without_prefix(known)
-    said = {n: said_and_unit(s, words) for n, s in plain.items()}
+    said = {n: said_and_unit(s) for n, s in plain.items()}
     units = {n: unit for n, (_, unit) in said.items()}
     for n, s in plain.items():  # SI, where a signal carries the contract's own name
         own_name = s.field or path_parts(s.name)[1]
         units[n] = units[n] or (CHANNELS[own_name].unit if own_name in CHANNELS else None)
-    scores = {n: name_scores(s, words) for n, s in plain.items()}
+    scores = {n: name_scores(s) for n, s in plain.items()}
     concepts = {n: c for n, (c, _) in said.items()}
-    return Clues(known, Signals(at[good], columns), scores, units, words, concepts, time)
+    return Clues(known, Signals(at[good], columns), scores, units, concepts, time)
 
 
 def _time_column(log: LogFile, raw: dict[str, np.ndarray], clock: str) -> tuple[str, str]:
