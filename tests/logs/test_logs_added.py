@@ -87,7 +87,7 @@ def test_ours_come_first_and_text_last_and_its_suffix_alone_makes_no_text_its_ow
     with pytest.raises(InputError, match="Parquet"):
         open_log(tmp_path / "a.parquet")
     (tmp_path / "a.csv").write_text(TEXT, "utf-8")
-    assert isinstance(open_log(tmp_path / "a.csv"), formats.CheckedLog)
+    assert isinstance(open_log(tmp_path / "a.csv"), Own)
     add(Own)
     (tmp_path / "a.txt").write_text(TEXT, "utf-8")
     assert set(open_log(tmp_path / "a.txt").signals) == {"time", "position"}
@@ -101,18 +101,22 @@ def fails(*_: object) -> Any:
 
 
 BAD: dict[str, Callable[[Path], Any]] = {
-    "gave a dict, not a LogFile": lambda path: {},
+    "it gave a dict, not a LogFile": lambda path: {},
     "stopped with IndexError: list index out of range": fails,
     "stopped with IndexError: list": lambda path: Own(path, read=fails),
-    "gave a signal '' without a usable name": lambda path: Own(path, signals={"": Signal("")}),
-    "gave a signal 'b' without a usable name": lambda path: Own(path, signals={"b": Signal("a")}),
-    "gave no numbers for 'pump_speed'": lambda path: Own(path, read=lambda names: {}),
-    "gave no numbers for 'pump": lambda path: Own(path, read=lambda names: {n: ["a"] * ROWS for n in names}),
-    "gave 2 dimensions for": lambda path: Own(path, read=lambda names: {n: np.ones((9, 2)) for n in names}),
-    "gave 5 and 4 rows of one clock": lambda path: Own(
+    "it gave a signal '' without a usable name": lambda path: Own(path, signals={"": Signal("")}),
+    "it gave a signal 'b' without a usable name": lambda path: Own(path, signals={"b": Signal("a")}),
+    "stopped with KeyError: 'pump_speed'": lambda path: Own(path, read=lambda names: {}),
+    "could not convert string to float: 'a'": lambda path: Own(
+        path, read=lambda names: {n: ["a"] * ROWS for n in names}
+    ),
+    "numbers of shape (9, 2) on a clock of": lambda path: Own(
+        path, read=lambda names: {n: np.ones((9, 2)) for n in names}
+    ),
+    "numbers of shape (4,) on a clock of 4000 rows": lambda path: Own(
         path, read=lambda names: {n: np.ones(4 + (k > 0)) for k, n in enumerate(names)}
     ),
-    "gave 7 times for 4000 rows": lambda path: Own(path, stamps=TIME[:7]),
+    "numbers of shape (4000,) on a clock of 7 rows": lambda path: Own(path, stamps=TIME[:7]),
 }
 
 

@@ -195,7 +195,7 @@ def _formats() -> tuple[Format, ...]:
         except InputError as error:
             left_out(error)
             continue
-        opener = partial(CheckedLog, package=addition.package, opener=given.opener)
+        opener = partial(_checked, package=addition.package, opener=given.opener)
         added.append(replace(given, sniff=partial(_told_by, addition, given), opener=opener))
     return (*FORMATS[:-1], *added, FORMATS[-1])
 
@@ -261,73 +261,58 @@ def format_of(path: Path) -> Format:
     return found
 
 
-class CheckedLog(LogFile):
-    """The file at `path` that a package's `opener` gives, of which every answer is checked.
+@contextmanager
+def _by_package(package: str, path: Path) -> Iterator[None]:
+    """Whatever a package's code raises as one line that names it; what is ours, and the system's, passes."""
+    try:
+        yield
+    except (InputError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        brief = " ".join(str(error).split())[:120]
+        problem = f"package {package}, which reads it, stopped with {type(error).__name__}: {brief}"
+        raise InputError(problem, where=path, mend="copy the file again, or mend the package") from None
+
+
+def _checked(path: Path, package: str, opener: Callable[[Path], LogFile]) -> LogFile:
+    """The file that a package's `opener` gives, of which every answer is checked.
 
     A package's code can do anything; what reads its columns relies on numbers, of one length for each clock
     and within the bounds (`fdd.bounds`).
 
-    Raises InputError: from here and from all methods: whatever the package's code raises, and answers that
+    Raises InputError: from here and from its methods: whatever the package's code raises, and answers that
     nothing can be made of.
     """
+    guarded, rows = _by_package(package, path), dict[str, int]()
 
-    def __init__(self, path: Path, package: str, opener: Callable[[Path], LogFile]) -> None:
-        super().__init__(path)
-        self._package, self._rows = package, dict[str, int]()
-        self._own: Any = None
-        self._own = self._asked(opener, path)
-        if not isinstance(self._own, LogFile):
-            raise self._wrong(f"gave a {type(self._own).__name__}, not a LogFile")
-        self.signals, self.doubled = dict(self._own.signals), set(self._own.doubled)
-        for name, signal in self.signals.items():
-            if not isinstance(signal, Signal) or signal.name != name or not 0 < len(name) <= LONGEST_NAME:
-                raise self._wrong(f"gave a signal {str(name)[:40]!r} without a usable name")
-        require_size(1, len(self.signals), path)
-
-    def read(self, names: Iterable[str]) -> dict[str, Column]:
-        wanted = list(dict.fromkeys(names))
-        given = self._asked(self._own.read, wanted)
-        out = {name: self._column(given, name) for name in wanted}
-        for name, values in out.items():
-            clock = self.signals[name].clock
-            if values.size != self._rows.setdefault(clock, values.size):
-                raise self._wrong(f"gave {values.size} and {self._rows[clock]} rows of one clock")
-        require_size(max((v.size for v in out.values()), default=0), len(out), self.path)
-        return out
-
-    def stamps(self, clock: str) -> Column | None:
-        given = self._asked(self._own.stamps, clock)
-        found = None if given is None else self._column({"time": given}, "time")
-        if found is not None and found.size != self._rows.get(clock, found.size):
-            raise self._wrong(f"gave {found.size} times for {self._rows[clock]} rows")
+    def column(values: Any, clock: str) -> Column:
+        found = np.asarray(values, dtype=np.float64)
+        if found.shape != (rows.setdefault(clock, found.size),):
+            raise ValueError(f"numbers of shape {found.shape} on a clock of {rows[clock]} rows")
         return found
 
-    def place(self, row: int) -> str:
-        return str(self._asked(self._own.place, row))
+    @guarded
+    def read(names: Iterable[str]) -> dict[str, Column]:
+        wanted = list(dict.fromkeys(names))
+        given = own_read(wanted)
+        out = {name: column(given[name], log.signals[name].clock) for name in wanted}
+        require_size(max((v.size for v in out.values()), default=0), len(out), path)
+        return out
 
-    def _column(self, given: dict[str, Column], name: str) -> Column:
-        try:
-            values = np.asarray(given[name], dtype=np.float64)
-        except (KeyError, TypeError, ValueError):
-            raise self._wrong(f"gave no numbers for {name!r}") from None
-        if values.ndim != 1:
-            raise self._wrong(f"gave {values.ndim} dimensions for {name!r}")
-        return values
+    @guarded
+    def stamps(clock: str) -> Column | None:
+        given = own_stamps(clock)
+        return None if given is None else column(given, clock)
 
-    def _asked(self, question: Callable[..., Any], *of: Any) -> Any:
-        own: Any = self._own
-        try:
-            answer = question(*of)
-            if own is not None:  # what a reader may learn only as it reads
-                self.notes, self.metadata = [str(note) for note in own.notes], own.metadata
-                self.start_ns, self.truncated = int(own.start_ns), bool(own.truncated)
-            return answer
-        except (InputError, OSError, MemoryError):
-            raise
-        except Exception as error:
-            brief = " ".join(str(error).split())[:120]
-            raise self._wrong(f"stopped with {type(error).__name__}: {brief}") from None
-
-    def _wrong(self, problem: str) -> InputError:
-        problem = f"package {self._package}, which reads it, {problem}"
-        return InputError(problem, where=self.path, mend="copy the file again, or mend the package")
+    with _by_package(package, path):
+        log = opener(path)
+        if not isinstance(log, LogFile):
+            raise TypeError(f"it gave a {type(log).__name__}, not a LogFile")
+        for name, signal in log.signals.items():
+            if not isinstance(signal, Signal) or signal.name != name or not 0 < len(name) <= LONGEST_NAME:
+                raise ValueError(f"it gave a signal {str(name)[:40]!r} without a usable name")
+    require_size(1, len(log.signals), path)
+    own_read, own_stamps = log.read, log.stamps
+    for method, checked in {"read": read, "stamps": stamps, "place": guarded(log.place)}.items():
+        setattr(log, method, checked)
+    return log
