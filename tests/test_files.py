@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from fdd import InputError, Samples, Unit
 from fdd.files import require_writable, whole_file, write_text
 from fdd.logs.mcap_writing import write_run
-from fdd.logs.tabular_writing import write_csv, write_parquet
+from fdd.logs.tabular_writing import write_table
 from tests.refusal import refused
 
 
@@ -28,8 +28,8 @@ def umask(request: pytest.FixtureRequest) -> Iterator[int]:
 
 def test_logs_and_profiles_are_as_readable_as_any_other(umask: int, tmp_path: Path) -> None:
     samples = Samples(np.arange(3) * 1e-3, {"position": np.zeros(3)})
-    write_csv(tmp_path / "a.csv", samples)
-    write_parquet(tmp_path / "a.parquet", samples)
+    write_table(tmp_path / "a.csv", samples)
+    write_table(tmp_path / "a.parquet", samples)
     write_run(tmp_path / "a.mcap", samples, axis="a")
     Unit.load("axis_a").save(tmp_path / "a.yaml")
     (tmp_path / "plain").touch()

@@ -102,7 +102,7 @@ def _demo(folder: Path) -> Serve:
     from importlib import resources
 
     from fdd.cli.console import progress
-    from fdd.logs.tabular_writing import write_parquet
+    from fdd.logs.tabular_writing import write_table
     from fdd.plant.scenario import Scenario
     from fdd.plant.simulate import simulate
     from fdd.service.config import Serve
@@ -117,7 +117,7 @@ def _demo(folder: Path) -> Serve:
         for seed, name in enumerate(("elevator-left", "elevator-right", "rudder"), 11):
             faults = [leak] if name == "elevator-right" else []
             scenario = Scenario(duration=600.0, duty={"name": "flight"}, faults=faults, seed=seed)
-            write_parquet(folder / f"{name}.parquet", simulate(unit, scenario).samples)
+            write_table(folder / f"{name}.parquet", simulate(unit, scenario).samples)
             text += f"    {name}: {name}.parquet\n"
     return Serve.from_yaml(text, where="demo", folder=folder)
 

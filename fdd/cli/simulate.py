@@ -234,7 +234,7 @@ def write_simulation(
     InputError : as `simulate`; both units are of one axis; or the file cannot be written.
     """
     require_kind(path)
-    from fdd.logs.tabular_writing import axis_file, write_table_blocks
+    from fdd.logs.tabular_writing import axis_file, write_tables
 
     units = [unit] if partner is None else [unit, partner]
     axes = [each.axis for each in units]
@@ -258,7 +258,7 @@ def write_simulation(
 
     blocks = made()
     if table:
-        write_table_blocks(path, blocks, axes=axes)
+        write_tables(path, blocks, axes=axes)
         return
     from fdd.logs.mcap_writing import write_blocks
 

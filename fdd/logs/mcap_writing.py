@@ -41,22 +41,14 @@ _WARNING, _ERROR = 3, 4
 
 @dataclass(frozen=True)
 class RunBlock:
-    """A stretch of one axis's run: what was measured, perhaps no rows, and the axis; None for the only one.
+    """A stretch of one axis's run: what was measured, perhaps no rows, and the axis.
 
     `truth`: true quantities by name, ``time`` (m,) s and columns (m,); without a ``time`` on the samples'.
     """
 
     samples: Samples
-    truth: Mapping[str, ArrayLike] | None = None
-    axis: str | None = None
-
-    def axis_of(self, axes: Sequence[str]) -> str:
-        """The block's axis; InputError where it is none of the run's."""
-        axis = axes[0] if self.axis is None and len(axes) == 1 else self.axis
-        if axis is None or axis not in axes:
-            problem = f"a block of axis {axis!r} in a run of {', '.join(axes)}"
-            raise InputError(problem, mend="name one of these axes")
-        return axis
+    truth: Mapping[str, ArrayLike] | None
+    axis: str
 
 
 def require_axis(axis: str) -> None:
@@ -81,8 +73,6 @@ def write_blocks(
 
     Raises InputError: an axis that is no topic, columns that change, or a folder that is not there.
     """
-    if not axes or len(set(axes)) < len(axes):
-        raise InputError("a run needs axes of different names", where=path, mend="name each axis once")
     for axis in axes:
         require_axis(axis)
     records: dict[str, dict[str, str]] = {}
@@ -94,7 +84,7 @@ def write_blocks(
         records["labels"] = {"json": json.dumps(labels, allow_nan=False)}
     with mcap_file(path, records, start_ns) as out:
         for block in blocks:
-            root, time = f"/eha/{block.axis_of(axes)}", block.samples.time
+            root, time = f"/eha/{block.axis}", block.samples.time
             topics: dict[str, Mapping[str, ArrayLike]] = {}
             topics[f"{root}/measurement"] = {"time": time, **block.samples.columns}
             if block.truth is not None:
@@ -108,7 +98,7 @@ def write_run(
 ) -> None:  # fmt: skip
     """Write a run of one axis that is there as a whole; `about` as for `write_blocks`."""
     units = None if unit_yaml is None else {axis: unit_yaml}
-    write_blocks(path, [RunBlock(samples, truth)], axes=[axis], units=units, **about)
+    write_blocks(path, [RunBlock(samples, truth, axis)], axes=[axis], units=units, **about)
 
 
 def write_annotated(

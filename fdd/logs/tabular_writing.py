@@ -5,7 +5,7 @@ A table holds one axis. Of a run with several, each goes into a file of its own,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -34,41 +34,25 @@ def axis_file(path: str | Path, axis: str, axes: Sequence[str]) -> Path:
     return path if len(axes) == 1 else path.with_name(f"{path.stem}.{axis}{path.suffix}")
 
 
-def write_table_blocks(path: str | Path, blocks: Iterable[RunBlock], *, axes: Sequence[str]) -> list[Path]:
+def write_tables(path: str | Path, blocks: Iterable[RunBlock], *, axes: Sequence[str]) -> list[Path]:
     """Write the measurements of a run, a file for each axis (`axis_file`), csv or parquet; gives the files.
 
-    `blocks`: in time order for each axis; no more than one is held. The files appear once all are whole.
+    `blocks`: in time order for each axis; no more than one is held. The files appear once all are whole. A
+    missing value is null in Parquet (zstd), an empty cell in CSV.
 
     Raises InputError: a file cannot be written, or the columns change from block to block.
     """
-    paths = {axis: axis_file(path, axis, axes) for axis in axes}
-    parquet = Path(path).suffix.lower() == ".parquet"
-    _write(paths, ((block.axis_of(axes), block.samples) for block in blocks), parquet=parquet)
-    return list(paths.values())
-
-
-def write_csv(path: str | Path, samples: Samples) -> None:
-    """Write a CSV file, whole or not at all; a missing value is an empty cell."""
-    _write({"": path}, [("", samples)], parquet=False)
-
-
-def write_parquet(path: str | Path, samples: Samples) -> None:
-    """Write a Parquet file (zstd), whole or not at all; a missing value is null."""
-    _write({"": path}, [("", samples)], parquet=True)
-
-
-def _write(paths: Mapping[str, str | Path], parts: Iterable[tuple[str, Samples]], *, parquet: bool) -> None:
-    """Write tables of samples by axis."""
     import pyarrow as pa
     from pyarrow.csv import CSVWriter
     from pyarrow.parquet import ParquetWriter
 
+    paths = {axis: axis_file(path, axis, axes) for axis in axes}
+    parquet = Path(path).suffix.lower() == ".parquet"
     with ExitStack() as stack:
-        files = {axis: stack.enter_context(whole_file(path)) for axis, path in paths.items()}
+        files = {axis: stack.enter_context(whole_file(own)) for axis, own in paths.items()}
         writers: dict[str, tuple[Any, Any]] = {}
-        for axis, samples in parts:
-            columns = {"time": samples.time, **samples.columns}
-            # A missing value is null, which an empty cell is read as too.
+        for block in blocks:
+            axis, columns = block.axis, {"time": block.samples.time, **block.samples.columns}
             table = pa.table({n: pa.array(v, mask=np.isnan(v)) for n, v in columns.items()})
             if axis not in writers:
                 whole = (files[axis], table.schema)
@@ -80,3 +64,9 @@ def _write(paths: Mapping[str, str | Path], parts: Iterable[tuple[str, Samples]]
                 told = f"columns {', '.join(columns)} after blocks with {', '.join(schema.names)}"
                 raise InputError(told, where=paths[axis], mend="give all blocks the same columns")
             writer.write_table(table, GROUP_ROWS)
+    return list(paths.values())
+
+
+def write_table(path: str | Path, samples: Samples) -> None:
+    """Write one axis's samples, see `write_tables`."""
+    write_tables(path, [RunBlock(samples, None, "axis")], axes=["axis"])

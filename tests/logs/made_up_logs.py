@@ -53,7 +53,7 @@ A, B = strokes(ROWS, seed=1), strokes(ROWS, seed=2)
 B = Samples(B.time[np.arange(ROWS) % 7 > 0], {c: v[np.arange(ROWS) % 7 > 0] for c, v in B.columns.items()})
 
 
-def parts(samples: Samples, edges: list[int], axis: str | None, thin: int = 10) -> list[RunBlock]:
+def parts(samples: Samples, edges: list[int], axis: str, thin: int = 10) -> list[RunBlock]:
     """Blocks between the edges, with every `thin`-th row's truth; 0 for none."""
     bounds = [0, *sorted(min(e, len(samples)) for e in edges), len(samples)]
     blocks = []

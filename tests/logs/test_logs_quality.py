@@ -12,7 +12,7 @@ from mcap.writer import Writer
 
 from fdd.logs import ChannelMap, DataQuality, Log, read_log
 from fdd.logs.mcap_writing import RunBlock, write_blocks, write_run
-from fdd.logs.tabular_writing import write_csv
+from fdd.logs.tabular_writing import write_table
 from fdd.samples import Samples
 
 
@@ -154,7 +154,7 @@ def test_axes_must_be_chosen_and_maps_be_of_the_files_kind(tmp_path):
     columns = ChannelMap.from_yaml("time: {column: t}\nposition: {column: x}")
     write_run(tmp_path / "a.mcap", strokes(3000), axis="a")
     assert "map names columns" in refused_log(tmp_path / "a.mcap", columns)
-    write_csv(tmp_path / "a.csv", strokes(3000))
+    write_table(tmp_path / "a.csv", strokes(3000))
     assert "map names topics" in refused_log(tmp_path / "a.csv", MAP)
     other = ChannelMap.from_yaml("time: {column: Time}\nposition: {column: pos}")
     line = refused_log(tmp_path / "a.csv", other)

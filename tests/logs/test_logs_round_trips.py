@@ -22,7 +22,7 @@ from mcap.writer import CompressionType, Writer
 from fdd.errors import InputError
 from fdd.logs import Log, mcap_writing, read_log
 from fdd.logs.mcap_writing import RunBlock, write_blocks, write_run
-from fdd.logs.tabular_writing import write_csv, write_parquet, write_table_blocks
+from fdd.logs.tabular_writing import write_table, write_tables
 from fdd.samples import Samples
 
 
@@ -47,7 +47,7 @@ def any_samples(draw: st.DrawFn) -> Samples:
     return Samples(np.cumsum(steps), columns)
 
 
-WRITERS = {"csv": write_csv, "parquet": write_parquet, "mcap": partial(write_run, axis="axis_a")}
+WRITERS = {"csv": write_table, "parquet": write_table, "mcap": partial(write_run, axis="axis_a")}
 
 
 @given(any_samples())
@@ -69,8 +69,8 @@ def test_pandas_reads_what_we_write(tmp_path):
     samples = strokes()
     gaps = np.where(np.arange(6000) % 7, samples["pressure_1"], np.nan)
     samples = samples.with_columns({"pressure_1": gaps})
-    write_csv(tmp_path / "a.csv", samples)
-    write_parquet(tmp_path / "a.parquet", samples)
+    write_table(tmp_path / "a.csv", samples)
+    write_table(tmp_path / "a.parquet", samples)
     for frame in (pd.read_csv(tmp_path / "a.csv", engine="pyarrow"), pd.read_parquet(tmp_path / "a.parquet")):
         for name in samples.channels:
             np.testing.assert_array_equal(frame[name].to_numpy(), samples[name])
@@ -103,14 +103,14 @@ def test_tables_in_any_blocks_are_the_same(edges):
     with TemporaryDirectory() as folder:
         for kind in ("csv", "parquet"):
             path = Path(folder) / f"cut.{kind}"
-            assert write_table_blocks(path, parts(gaps, edges, None), axes=["a"]) == [path]
+            assert write_tables(path, parts(gaps, edges, "a"), axes=["a"]) == [path]
             assert_same(read_log(path, shortest=0.0), gaps)
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_a_dual_run_in_tables_is_a_file_for_each_axis(tmp_path, kind):
     blocks = [*parts(A, [500], "a"), *parts(B, [200], "b")]
-    files = write_table_blocks(tmp_path / f"run.{kind}", blocks, axes=["a", "b"])
+    files = write_tables(tmp_path / f"run.{kind}", blocks, axes=["a", "b"])
     assert [f.name for f in files] == [f"run.a.{kind}", f"run.b.{kind}"]
     assert_same(read_log(files[0], shortest=0.0), A)
     assert_same(read_log(files[1], shortest=0.0), B)
@@ -124,16 +124,16 @@ def failing(blocks: list[RunBlock]):
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mcap"])
 @pytest.mark.parametrize("axes", [["a"], ["a", "b"]])
 def test_a_run_that_breaks_off_leaves_no_file(tmp_path, axes, kind):
-    write = write_blocks if kind == "mcap" else write_table_blocks
+    write = write_blocks if kind == "mcap" else write_tables
     with pytest.raises(RuntimeError):
         write(tmp_path / f"a.{kind}", failing(parts(A, [500], "a")), axes=axes)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_blocks_that_do_not_fit_are_refused_in_one_line(tmp_path):
-    other = RunBlock(Samples(B.time + 2.0, {"position": B["position"]}))
-    for blocks, said in (([RunBlock(A), other], "same columns"), ([RunBlock(A, None, "c")], "'c'")):
-        assert said in refused(partial(write_table_blocks, tmp_path / "a.csv", blocks, axes=["a"]))
+    other = RunBlock(Samples(B.time + 2.0, {"position": B["position"]}), None, "a")
+    blocks = [RunBlock(A, None, "a"), other]
+    assert "same columns" in refused(partial(write_tables, tmp_path / "a.csv", blocks, axes=["a"]))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -256,7 +256,7 @@ print(status("VmHWM") - before)
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the peak is read from /proc")
 @pytest.mark.parametrize(
     ("name", "write"),
-    [("run.parquet", write_parquet), ("run.mcap", lambda path, log: write_run(path, log, axis="a"))],
+    [("run.parquet", write_table), ("run.mcap", lambda path, log: write_run(path, log, axis="a"))],
 )
 def test_a_long_log_takes_little_more_memory_than_its_columns(tmp_path, name, write):
     """All channels with noise of their own, some values missing, the temperature measured seldom."""

@@ -17,7 +17,7 @@ from watched import leaking
 from fdd.cli.app import app
 from fdd.diagnosis.model import Model
 from fdd.diagnosis.pipeline import Pipeline
-from fdd.logs.tabular_writing import write_parquet
+from fdd.logs.tabular_writing import write_table
 from fdd.samples import Samples
 from fdd.service.axis import AxisWatch
 from fdd.service.blocks import Block, Decoder
@@ -98,7 +98,7 @@ def wrong(folder: Path, logs: list[Path], unit: str, *more: object, patience: fl
         samples = Samples.concatenate([b.samples for b in sorted(blocks, key=lambda b: b.sequence or 0)])
         pipeline = Pipeline(Unit.load(unit), Model.load(), axis=axis)
         offline = [f.model_dump(mode="json") for b in samples.blocks(10_000) for f in pipeline.push(b)]
-        write_parquet(folder / f"{axis}.parquet", samples)
+        write_table(folder / f"{axis}.parquet", samples)
         told = json.loads(ran("diagnose", folder / f"{axis}.parquet", "--unit", unit, "--json", "-"))
         mine = {"dropped_samples": "dropped", "time_jumps": "gaps", "late": "late"}
         out += [
@@ -115,7 +115,7 @@ def wrong(folder: Path, logs: list[Path], unit: str, *more: object, patience: fl
 
 @pytest.mark.slow
 def test_a_simulated_axis_on_a_bad_line(tmp_path):
-    write_parquet(tmp_path / "leaks.parquet", leaking(35.0, 18.0))
+    write_table(tmp_path / "leaks.parquet", leaking(35.0, 18.0))
     assert wrong(tmp_path, [tmp_path / "leaks.parquet"], "axis_a") == []
 
 

@@ -17,7 +17,7 @@ from fdd.cli import serve
 from fdd.cli.app import app
 from fdd.errors import InputError
 from fdd.logs import read_log
-from fdd.logs.tabular_writing import write_parquet
+from fdd.logs.tabular_writing import write_table
 from fdd.service.config import Serve
 from fdd.service.fleet import Fleet
 from fdd.service.service import Service
@@ -37,7 +37,7 @@ def ask(service: Service, path: str, body: dict[str, Any] | None = None) -> Any:
 
 
 def test_a_leak_is_told_acknowledged_recorded_and_kept_and_what_is_refused_is_told(log, tmp_path, caplog):
-    write_parquet(tmp_path / "run.parquet", log)
+    write_table(tmp_path / "run.parquet", log)
     sources = "[{type: tcp, port: 0, name: line}, {type: replay, speed: max, logs: {A1: run.parquet}}]"
     text = f"{BASE}outputs: {{recording: {{folder: kept}}}}\nsources: {sources}"
     config = Serve.from_yaml(text, folder=tmp_path)
@@ -74,7 +74,7 @@ def test_a_leak_is_told_acknowledged_recorded_and_kept_and_what_is_refused_is_to
 
 @pytest.mark.slow
 def test_a_server_that_is_away_at_the_start_or_killed_later_loses_nothing(log, whole, tmp_path, monkeypatch):
-    write_parquet(tmp_path / "run.parquet", log)
+    write_table(tmp_path / "run.parquet", log)
     url = postgres_url()
     text = f"{BASE}store: {url}\nsources: [{{type: replay, speed: 10, logs: {{A1: run.parquet}}}}]"
     monkeypatch.setattr("fdd.service.service.AGAIN_S", 0.2)

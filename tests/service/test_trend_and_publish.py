@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 
 from fdd.cli.app import app
 from fdd.diagnosis.estimates import healthy_of
-from fdd.logs.tabular_writing import write_parquet
+from fdd.logs.tabular_writing import write_table
 from fdd.samples import Samples
 from fdd.service.alarms import AlarmBook
 from fdd.service.sources.mqtt import sendings
@@ -155,7 +155,7 @@ def test_a_bad_line_loses_delays_and_swaps_as_asked_and_a_service_puts_it_right(
 def test_what_cannot_be_published_is_said_in_a_line(tmp_path):
     log = tmp_path / "run.parquet"
     columns = dict.fromkeys(("position", "pump_speed"), LOG["position"][:3000])
-    write_parquet(log, Samples(LOG.time[:3000], columns | {"pressure_difference": 1e6 * columns["position"]}))
+    write_table(log, Samples(LOG.time[:3000], columns | {"pressure_difference": 1e6 * columns["position"]}))
     away = f"mqtt://127.0.0.1:{free_port()}"
     for arguments, words in (
         ([log, "--mqtt", away], "cannot be reached"),
