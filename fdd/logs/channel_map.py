@@ -1,16 +1,6 @@
 """Channel maps: where each channel of the contract stands in a foreign log, and how it is converted to SI.
 
-A map is a YAML file (docs/logs.md)::
-
-    name: rig 1
-    axis: axis_b
-    channels:
-      time:       {column: t, unit: s}
-      position:   {column: cyl_pos, unit: mm}
-      command:    {column: drive_V, scale: 31.416, unit: rad/s}
-      pump_angle: {from: pump_speed, period: 0.001}
-
-The channels may also stand at the top level, without ``channels:``.
+docs/logs.md has an example. The channels may also stand at the top level, without ``channels:``.
 """
 
 from __future__ import annotations

@@ -72,11 +72,6 @@ def read_log(
     Raises
     ------
     InputError : one line that names file, place, problem and mend.
-
-    Examples
-    --------
-    >>> log = read_log("run.csv", map="rig.map.yaml")  # doctest: +SKIP
-    >>> log.samples["position"], log.quality.dropped_samples  # doctest: +SKIP
     """
     path = Path(path)
     channel_map = map if isinstance(map, ChannelMap | None) else ChannelMap.load(map)
