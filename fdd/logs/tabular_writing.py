@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+from pyarrow.csv import CSVWriter
+from pyarrow.parquet import ParquetWriter
 
 from fdd.errors import InputError
 from fdd.files import whole_file
@@ -42,10 +45,6 @@ def write_tables(path: str | Path, blocks: Iterable[RunBlock], *, axes: Sequence
 
     Raises InputError: a file cannot be written, or the columns change from block to block.
     """
-    import pyarrow as pa
-    from pyarrow.csv import CSVWriter
-    from pyarrow.parquet import ParquetWriter
-
     paths = {axis: axis_file(path, axis, axes) for axis in axes}
     parquet = Path(path).suffix.lower() == ".parquet"
     with ExitStack() as stack:

@@ -189,6 +189,7 @@ def test_a_name_that_two_groups_have_and_an_extra_that_is_not_there(tmp_path, mo
     assert "2 columns are called 'position'" in line and "left/position, right/position" in line
     (tmp_path / "a.mf4").write_bytes(b"MDF     4.10    " + bytes(200))
     monkeypatch.setitem(sys.modules, "asammdf", None)
+    monkeypatch.delitem(sys.modules, "fdd.logs.formats.mdf", raising=False)
     assert "pip install 'fdd[mdf]'" in refused_log(tmp_path / "a.mf4")
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from fdd.errors import InputError
 from fdd.logs.formats import LogFile, Signal, readable, require_size, unit_among
@@ -26,8 +27,6 @@ class ArrowFile(LogFile):
     rows: int = 0
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        import pyarrow as pa
-
         wanted = list(dict.fromkeys(names))
         dated: dict[str, list[Any]] = {}
         rows = 0
@@ -51,7 +50,6 @@ class ArrowFile(LogFile):
 
     def _batches(self, names: list[str]) -> Iterator[Any]:
         """Record batches of these columns: never the whole file at once, beside the columns made of it."""
-        import pyarrow as pa
         from pyarrow import parquet
 
         if self.kind == "Parquet":
@@ -67,8 +65,6 @@ class ArrowFile(LogFile):
 
     def _numbers(self, column: Any, name: str) -> Column:
         """Null becomes NaN, dates become seconds since the first."""
-        import pyarrow as pa
-
         try:
             if pa.types.is_timestamp(column.type):
                 stamps = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.timestamp("ns"))
@@ -113,8 +109,6 @@ def open_parquet(path: Path) -> ArrowFile:
 
 def open_feather(path: Path) -> ArrowFile:
     """Read the schema of a Feather 2 (Arrow IPC) file. Raises InputError: damaged, no rows, far too many."""
-    import pyarrow as pa
-
     with (
         readable("not readable as Feather", path),
         pa.memory_map(str(path)) as source,

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import csv as arrow_csv
 
 from fdd.bounds import limit, raised
 from fdd.errors import InputError
@@ -52,8 +54,6 @@ class CsvFile(LogFile):
         return f"line {self.layout.first_line + 1 + row}"
 
     def read(self, names: Iterable[str]) -> dict[str, Column]:
-        import pyarrow as pa
-
         parts = {name: self.dated.get(name, (name,)) for name in names}
         stamped = {n for n in parts if n in self.dated or stamp_kind(self.cells[n])}
         columns = list(dict.fromkeys(c for of in parts.values() for c in of))
@@ -78,9 +78,6 @@ class CsvFile(LogFile):
         return out
 
     def _parsed(self, columns: list[str], texts: set[str]) -> Any:
-        import pyarrow as pa
-        from pyarrow import csv as arrow_csv
-
         odd: list[Any] = []
 
         def count_odd(row: Any) -> str:
@@ -127,7 +124,6 @@ class CsvFile(LogFile):
 
     def _cleaned(self, column: Any, name: str) -> Column:
         """Numbers with thousands marks, or with blanks around them."""
-        import pyarrow as pa
         import pyarrow.compute as pc
 
         text, decimal = pc.utf8_trim_whitespace(column), self.layout.decimal

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import python_calamine
 from numpy.typing import NDArray
 
 from fdd.bounds import HEAD_ROWS, MAX_CELLS, MAX_WORKBOOK_BYTES, MAX_WORKBOOK_UNPACKED
@@ -27,8 +28,6 @@ def open_excel(path: Path) -> TreeFile:
 
     Raises InputError: damaged, too large, or without a table of numbers.
     """
-    import python_calamine
-
     if path.stat().st_size > MAX_WORKBOOK_BYTES:
         raise InputError(f"larger than {MAX_WORKBOOK_BYTES} bytes", where=path, mend="save it as CSV")
     tables = {}

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,8 +28,6 @@ def open_hdf5(path: Path) -> TreeFile:
 
     Raises InputError: damaged, or without arrays.
     """
-    import h5py
-
     check_hdf5(path)
     nodes: dict[str, Any] = {}
 
@@ -44,8 +43,6 @@ def open_hdf5(path: Path) -> TreeFile:
 
 
 def _group(path: Path, own: Any) -> Group:
-    import h5py
-
     found = Group()
     for key, value in own.attrs.items():
         if np.ndim(value) == 0 and isinstance(value, int | float | np.number):
@@ -83,8 +80,6 @@ def _leaves(path: Path, name: str, node: Any) -> dict[str, Leaf]:
 
 
 def _load(path: Path, name: str, part: Any) -> NDArray[np.generic]:
-    import h5py
-
     with readable(f"{name} cannot be read", path), h5py.File(path) as file:
         return np.asarray(file[name][part])
 

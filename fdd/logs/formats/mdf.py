@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from asammdf import MDF
+from asammdf.blocks import mdf_v3, mdf_v4
 from numpy.typing import NDArray
 
 from fdd.errors import InputError
@@ -22,47 +24,44 @@ _IN_RECORD = (0, 1, 2, 4, 5)
 """Kinds of an MDF 4 channel that stand in the record; the others (3, 6) are counted."""
 
 
+def _close(file: Any) -> None:
+    """Throw a file away without a word, also one that could only be opened by half."""
+    with suppress(Exception):
+        file.close()
+
+
+mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = _close
+
+
 def open_mdf(path: Path) -> TreeFile:
     """Signals of an MDF file; where two channels have one name, the group's number stands before it.
 
     Raises InputError: damaged, or without channels of numbers. ImportError: asammdf is not installed.
     """
-    from asammdf import MDF
-
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # it tells of each oddity on standard error
     groups: dict[str, Group] = {}
     with readable("damaged MDF file", path):
         _require_ends(path)
-        try:
-            with redirect_stdout(StringIO()):  # it prints what it cannot make sense of
-                file = MDF(path)
-            start, inner = file.header.start_time, list[Any](file.groups)
-            rates = [int(g.channel_group.cycles_nr) for g in inner]
-            several = sum(r > 1 for r in rates) > 1
-            for number, (group, rows) in enumerate(zip(inner, rates, strict=True)):
-                about = group.channel_group
-                one = about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0)
-                # The library makes room for the records or for the blocks, whatever is more.
-                blocks = sum(int(block.original_size or 0) for block in group.get_data_blocks())
-                require_stored(max(rows * int(one), blocks), path.stat().st_size, path)
-                master = file.masters_db.get(number)
-                own = groups.setdefault(str(number) if several else "", Group()).leaves
-                if master is not None:
-                    own["time"] = Leaf(rows, partial(_load, path, file, number, None), "s")
-                for index, channel in enumerate(group.channels):
-                    _require_inside(path, about, channel)
-                    if index != master:
-                        load = partial(_load, path, file, number, index)
-                        own[channel.name] = Leaf(rows, load, channel.unit or None)
-        except Exception:
-            from asammdf.blocks import mdf_v3, mdf_v4
-
-            def close(half_open: Any) -> None:  # what broke off is thrown away without a word
-                with suppress(Exception):
-                    half_open.close()
-
-            mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = close
-            raise
+        with redirect_stdout(StringIO()):  # it prints what it cannot make sense of
+            file = MDF(path)
+        start, inner = file.header.start_time, list[Any](file.groups)
+        rates = [int(g.channel_group.cycles_nr) for g in inner]
+        several = sum(r > 1 for r in rates) > 1
+        for number, (group, rows) in enumerate(zip(inner, rates, strict=True)):
+            about = group.channel_group
+            one = about.samples_byte_nr + getattr(about, "invalidation_bytes_nr", 0)
+            # The library makes room for the records or for the blocks, whatever is more.
+            blocks = sum(int(block.original_size or 0) for block in group.get_data_blocks())
+            require_stored(max(rows * int(one), blocks), path.stat().st_size, path)
+            master = file.masters_db.get(number)
+            own = groups.setdefault(str(number) if several else "", Group()).leaves
+            if master is not None:
+                own["time"] = Leaf(rows, partial(_load, path, file, number, None), "s")
+            for index, channel in enumerate(group.channels):
+                _require_inside(path, about, channel)
+                if index != master:
+                    load = partial(_load, path, file, number, index)
+                    own[channel.name] = Leaf(rows, load, channel.unit or None)
     found = tree_file(path, groups)
     found.start_ns = int(start.timestamp() * 1e9) if start is not None and start.year > 1970 else 0
     return found

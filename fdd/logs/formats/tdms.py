@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from nptdms import TdmsFile
+from nptdms.log import log_manager
 
 from fdd.logs.formats import readable, require_stored
 from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
@@ -15,9 +17,6 @@ from fdd.logs.formats.trees import Group, Leaf, TreeFile, tree_file
 
 def open_tdms(path: Path) -> TreeFile:
     """Signals of a TDMS file, ``group/channel``. Raises InputError: damaged, or no channels of numbers."""
-    from nptdms import TdmsFile
-    from nptdms.log import log_manager
-
     log_manager.set_level(logging.CRITICAL)  # it tells of each oddity on standard error
     groups: dict[str, Group] = {}
     start: Any = None
@@ -43,7 +42,5 @@ def open_tdms(path: Path) -> TreeFile:
 
 
 def _load(path: Path, group: str, channel: str) -> Any:
-    from nptdms import TdmsFile
-
     with readable(f"{group}/{channel} cannot be read", path), TdmsFile.open(path) as file:
         return file[group][channel][:]
