@@ -123,18 +123,13 @@ def relief_rate(drop: float, lift: float, setting: float, par: Constants) -> flo
     hysteresis."""
     if lift == 0.0 and abs(drop) < setting - par.relief_width:
         return 0.0
-    if drop < 0.0:
-        return -_held_rate(-drop - setting, -lift, setting, par)
-    return _held_rate(drop - setting, lift, setting, par)
-
-
-@njit(error_model="numpy", inline="always")
-def _held_rate(excess: float, lift: float, setting: float, par: Constants) -> float:
+    sign = -1.0 if drop < 0.0 else 1.0
+    excess, raised = sign * drop - setting, sign * lift
     rising = opening(excess, par.relief_width)
-    if lift < rising:
-        return (rising - lift) * par.relief_rate
+    if raised < rising:
+        return sign * (rising - raised) * par.relief_rate
     falling = opening(excess + par.relief_hysteresis * setting, par.relief_width)
-    return min(falling - lift, 0.0) * par.relief_rate
+    return sign * min(falling - raised, 0.0) * par.relief_rate
 
 
 @njit(error_model="numpy", inline="always")
@@ -286,23 +281,21 @@ def hydraulic_rates(
     come_1, come_2 = gas_1 * dy[s.FREE_1], gas_2 * dy[s.FREE_2]
     give_1, give_2 = 1.0 / soft_1, 1.0 / soft_2
     give_a, give_b = give_1, give_2
+    v1, v2 = par.volume_1 + par.area_1 * x, par.volume_2 - par.area_2 * x
     if par.blocked > 0.0:
-        v1 = par.cylinder_volume_1 + par.area_1 * x
-        v2 = par.cylinder_volume_2 - par.area_2 * x
+        v1, v2 = par.cylinder_volume_1 + par.area_1 * x, par.cylinder_volume_2 - par.area_2 * x
         give_a, give_b = 1.0 / soft_a, 1.0 / soft_b
+    else:
+        to_1 += to_a
+        to_2 += to_b
+    inside = v1 * rho_1 + v2 * rho_2
+    dy[s.P1] = ((to_1 - rho_1 * push_1) / (rho_1 * v1) + come_1) * give_1
+    dy[s.P2] = ((to_2 + rho_2 * push_2) / (rho_2 * v2) + come_2) * give_2
+    dy[s.LINE_1], dy[s.LINE_2] = dy[s.P1], dy[s.P2]
+    if par.blocked > 0.0:
+        inside = inside + par.line_volume_1 * rho_a + par.line_volume_2 * rho_b
         dy[s.LINE_1] = (to_a / (rho_a * par.line_volume_1) + gas_a * dy[s.FREE_1]) * give_a
         dy[s.LINE_2] = (to_b / (rho_b * par.line_volume_2) + gas_b * dy[s.FREE_2]) * give_b
-        dy[s.P1] = ((to_1 - rho_1 * push_1) / (rho_1 * v1) + come_1) * give_1
-        dy[s.P2] = ((to_2 + rho_2 * push_2) / (rho_2 * v2) + come_2) * give_2
-        inside = v1 * rho_1 + v2 * rho_2 + par.line_volume_1 * rho_a + par.line_volume_2 * rho_b
-    else:
-        v1 = par.volume_1 + par.area_1 * x
-        v2 = par.volume_2 - par.area_2 * x
-        dy[s.P1] = ((to_a + to_1 - rho_1 * push_1) / (rho_1 * v1) + come_1) * give_1
-        dy[s.P2] = ((to_b + to_2 + rho_2 * push_2) / (rho_2 * v2) + come_2) * give_2
-        dy[s.LINE_1] = dy[s.P1]
-        dy[s.LINE_2] = dy[s.P2]
-        inside = v1 * rho_1 + v2 * rho_2
     outside = out_1 + out_2 + dripping
     dy[s.STORE] = leak_a + leak_b - dripping - refeed_a - refeed_b + charge
     dy[s.LOST] = outside - charge
