@@ -24,13 +24,7 @@ _FULL = 0.95
 
 
 class Details(Validated):
-    """What the thesis and data sheets leave open: assumptions. A campaign draws it per rig from `usual`.
-
-    Examples
-    --------
-    >>> Details(pump_ripple=0.02).pump_teeth
-    12
-    """
+    """What the thesis and data sheets leave open: assumptions. A campaign draws it per rig from `usual`."""
 
     usual: ClassVar[Ranges] = {
         "bristle_stiffness": (4e5, 3e6), "bristle_damping": (0.3, 1.0), "bristle_fade": (0.003, 0.03),

@@ -164,11 +164,6 @@ class FaultScales(_Figures):
 
     Its parameters are the figures of the catalogue, whose modules say what each of them means. Leakages are
     those at the oil's reference temperature, orifice flows those at 1 MPa.
-
-    Examples
-    --------
-    >>> FaultScales(free_air=0.04).internal_leakage
-    1.2e-11
     """
 
     usual: ClassVar[dict[str, tuple[float, float]]] = {f.name: f.usual for f in _FIGURES if f.usual}

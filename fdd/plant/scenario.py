@@ -64,11 +64,6 @@ class Partner(Validated):
     duty : for drive own.
     power : share of the motor's current limit; 0 is a motor without power, which the oil turns.
     circuit : its valves.
-
-    Examples
-    --------
-    >>> Partner(drive="still", circuit={"bypass": 1}).unit
-    'axis_b'
     """
 
     unit: str = "axis_b"

@@ -38,11 +38,6 @@ class Recording(Validated):
     speed : how pump speed is had: ``counts`` of the angle's encoder since the millisecond before, or a
         drive's own reading, ``sampled`` with the errors of the unit's sensor.
     channels : those that the log has; None for all.
-
-    Examples
-    --------
-    >>> Recording(late=0.01).dropped, Recording.perfect().dropped
-    (0.001, 0.0)
     """
 
     dropped: Annotated[float, Field(ge=0.0, le=0.5)] = 0.001
