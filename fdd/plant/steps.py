@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.integrate import RK45
 
 from fdd.plant import Array, Constants
 from fdd.plant import state as s
@@ -21,6 +22,9 @@ from fdd.plant.compiled import njit
 from fdd.plant.equations import right_hand_side
 
 STAGES = 7
+_SECOND, _THIRD, _FOURTH, _FIFTH = (tuple(row[:k].tolist()) for k, row in enumerate(RK45.A[2:], 2))
+_END, _ERROR = tuple(RK45.B.tolist()), tuple(RK45.E.tolist())
+"""Weights of the slopes so far: in the stages after the first two, at the end, and in the step's error."""
 _SHORTEST = 1e-7  # s; a step that short is taken whatever its estimate says
 _SAFETY, _LEAST_FACTOR, _MOST_FACTOR = 0.9, 0.2, 4.0
 
@@ -43,6 +47,14 @@ def tolerances(axes: int, refine: float = 1.0) -> Array:
     return np.concatenate([shared, *[axis] * axes]) * refine**-5.0
 
 
+@njit(error_model="numpy", inline="always")
+def _combined(weights: tuple[float, ...], k: Array, i: int) -> float:
+    total = weights[0] * k[0, i]
+    for j in range(1, len(weights)):
+        total += weights[j] * k[j, i]
+    return total
+
+
 @njit(error_model="numpy", _nrt=False)
 def step(
     y: Array, h: float, command_1: float, command_2: float, now: Array, first: Constants, second: Constants,
@@ -58,47 +70,23 @@ def step(
         stage[i] = y[i] + h * 0.2 * k[0, i]
     right_hand_side(stage, command_1, command_2, now, first, second, k[1], found)
     for i in range(n):
-        stage[i] = y[i] + h * (3.0 / 40.0 * k[0, i] + 9.0 / 40.0 * k[1, i])
+        stage[i] = y[i] + h * _combined(_SECOND, k, i)
     right_hand_side(stage, command_1, command_2, now, first, second, k[2], found)
     for i in range(n):
-        stage[i] = y[i] + h * (44.0 / 45.0 * k[0, i] - 56.0 / 15.0 * k[1, i] + 32.0 / 9.0 * k[2, i])
+        stage[i] = y[i] + h * _combined(_THIRD, k, i)
     right_hand_side(stage, command_1, command_2, now, first, second, k[3], found)
     for i in range(n):
-        stage[i] = y[i] + h * (
-            19372.0 / 6561.0 * k[0, i]
-            - 25360.0 / 2187.0 * k[1, i]
-            + 64448.0 / 6561.0 * k[2, i]
-            - 212.0 / 729.0 * k[3, i]
-        )
+        stage[i] = y[i] + h * _combined(_FOURTH, k, i)
     right_hand_side(stage, command_1, command_2, now, first, second, k[4], found)
     for i in range(n):
-        stage[i] = y[i] + h * (
-            9017.0 / 3168.0 * k[0, i]
-            - 355.0 / 33.0 * k[1, i]
-            + 46732.0 / 5247.0 * k[2, i]
-            + 49.0 / 176.0 * k[3, i]
-            - 5103.0 / 18656.0 * k[4, i]
-        )
+        stage[i] = y[i] + h * _combined(_FIFTH, k, i)
     right_hand_side(stage, command_1, command_2, now, first, second, k[5], found)
     for i in range(n):
-        stage[i] = y[i] + h * (
-            35.0 / 384.0 * k[0, i]
-            + 500.0 / 1113.0 * k[2, i]
-            + 125.0 / 192.0 * k[3, i]
-            - 2187.0 / 6784.0 * k[4, i]
-            + 11.0 / 84.0 * k[5, i]
-        )
+        stage[i] = y[i] + h * _combined(_END, k, i)
     right_hand_side(stage, command_1, command_2, now, first, second, k[6], found)
     worst, total = 0.0, 0.0
     for i in range(n):
-        error = h * (
-            71.0 / 57600.0 * k[0, i]
-            - 71.0 / 16695.0 * k[2, i]
-            + 71.0 / 1920.0 * k[3, i]
-            - 17253.0 / 339200.0 * k[4, i]
-            + 22.0 / 525.0 * k[5, i]
-            - 0.025 * k[6, i]
-        )
+        error = h * _combined(_ERROR, k, i)
         share = abs(error) * per_allowed[i]
         worst = share if share > worst else worst
         total += error
