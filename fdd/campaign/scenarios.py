@@ -253,8 +253,8 @@ def drawn_mission(
         stages.append(fitting_duty(name, unit, rng, ranges, speed=False, gain=gain, scale=scale)[0])
     amplitude = max(abs(s.offset) + s.amplitude for s in stages)
     seconds = tuple(round(float(s), 3) for s in _lengths(rng, len(stages), duration))
-    made = {"stages": [s.model_dump() for s in stages], "seconds": seconds, "amplitude": amplitude}
-    return Mission.model_validate(made), Control(mode="position", gain=gain)
+    made: dict[str, Any] = {"stages": [s.model_dump() for s in stages], "seconds": seconds}
+    return Mission(**made, amplitude=amplitude), Control(mode="position", gain=gain)
 
 
 def changing(values: dict[str, float], rng: Rng, duration: float, duty: Duty, most: float) -> ChangingLoad:

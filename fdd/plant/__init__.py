@@ -7,7 +7,7 @@ over a run.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,14 +43,6 @@ class Validated(BaseModel):
             super().__init__(**data)
         except ValidationError as error:
             raise _told(type(self), error) from None
-
-    @classmethod
-    def model_validate(cls, *args: Any, **options: Any) -> Self:
-        """As pydantic's, but raises `InputError`."""
-        try:
-            return super().model_validate(*args, **options)
-        except ValidationError as error:
-            raise _told(cls, error) from None
 
 
 V = TypeVar("V", bound=Validated)
