@@ -47,10 +47,6 @@ DRAWN_DUTIES = tuple(name for name in DUTIES if name != "levels")
 """Duties that a campaign draws; levels are for what a user writes down."""
 
 
-def _is_none(value: object) -> bool:
-    return value is None
-
-
 class FaultShare(Validated):
     """How often a fault is injected, and how severely.
 
@@ -65,7 +61,7 @@ class FaultShare(Validated):
     weight: Weight = 1.0
     severity: Severities | None = None
     variants: tuple[str, ...] | None = None
-    laws: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=_is_none)] = None
+    laws: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda laws: laws is None)] = None
 
 
 class SensorVariation(Validated):

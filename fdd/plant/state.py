@@ -112,9 +112,6 @@ class Truth:
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
 
-    def __contains__(self, name: object) -> bool:
-        return name in self.columns
-
     def __len__(self) -> int:
         return int(self.time.size)
 
