@@ -3,7 +3,6 @@ in one folder."""
 
 from __future__ import annotations
 
-import glob
 import os
 import re
 import signal
@@ -36,16 +35,14 @@ def find_logs(given: Sequence[Path], leave_out: Path | None = None) -> list[Path
 
     Parameters
     ----------
-    given : files; folders, for all logs below them in order of their names, hidden ones left out; patterns
-        such as ``runs/*.csv`` or ``runs/**/*.mcap``; and ``@list.txt``, a text file with one of these a line
-        (blank lines and those that begin with # are skipped). A file is taken whether it is there or not.
+    given : files, taken whether they are there or not; and folders, for all logs below them in order of their
+        names, hidden ones left out. An InputError where there are none.
     leave_out : a folder to skip in folders: that of the answers.
     """
     found: dict[str, Path] = {}
-    for argument in given:
-        for path in _listed(argument) if str(argument).startswith("@") else [argument]:
-            for log in _logs_of(path, leave_out):
-                found.setdefault(os.path.realpath(log), log)
+    for path in given:
+        for log in _below(path, leave_out) if path.is_dir() else [path]:
+            found.setdefault(os.path.realpath(log), log)
     return list(found.values())
 
 
@@ -71,34 +68,6 @@ def file_names(names: Sequence[str]) -> list[str]:
     return out
 
 
-def _listed(argument: Path) -> Iterator[Path]:
-    path = Path(str(argument)[1:])
-    try:
-        text = path.read_text(encoding="utf-8-sig", errors="surrogateescape")
-    except OSError as error:
-        problem = f"cannot be read ({error.strerror or error})"
-        raise InputError(problem, where=path, mend="give a text file, one log a line") from None
-    lines = [line.strip() for line in text.splitlines()]
-    wanted = [Path(line) for line in lines if line and not line.startswith("#")]
-    if not wanted:
-        raise InputError("names no log", where=path, mend="write one log a line")
-    yield from wanted
-
-
-def _logs_of(path: Path, leave_out: Path | None) -> list[Path]:
-    if path.is_dir():
-        if logs := _below(path, leave_out):
-            return logs
-        mend = f"logs are taken by their suffix: {' '.join(suffixes())}"
-        raise InputError("no log below this folder", where=path, mend=mend)
-    if path.exists() or not glob.has_magic(str(path)):
-        return [path]
-    matching = [Path(match) for match in sorted(glob.glob(str(path), recursive=True))]  # noqa: PTH207
-    if not matching:
-        raise InputError("no file has such a name", where=path, mend="correct the pattern, or name a folder")
-    return [log for match in matching for log in (_below(match, leave_out) if match.is_dir() else [match])]
-
-
 def _below(folder: Path, leave_out: Path | None) -> list[Path]:
     skipped = None if leave_out is None else os.path.realpath(leave_out)
     found = []
@@ -107,6 +76,9 @@ def _below(folder: Path, leave_out: Path | None) -> list[Path]:
             f for f in folders if not f.startswith(".") and os.path.realpath(Path(here, f)) != skipped
         )
         found += [Path(here, f) for f in files if not f.startswith(".") and f.lower().endswith(suffixes())]
+    if not found:
+        mend = f"logs are taken by their suffix: {' '.join(suffixes())}"
+        raise InputError("no log below this folder", where=folder, mend=mend)
     return sorted(found, key=lambda path: path.parts)
 
 

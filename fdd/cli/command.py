@@ -141,24 +141,8 @@ def argument(help: str, metavar: str | None = None) -> Any:
     return typer.Argument(help=help, metavar=metavar, show_default=False)
 
 
-def faults(incomplete: str) -> list[tuple[str, str]]:
-    """Ids of the catalogue's faults with their titles, as the shell offers them."""
-    from fdd.faults import CATALOGUE
-
-    return [(name, fault.title) for name, fault in CATALOGUE.items() if name.startswith(incomplete)]
-
-
-def units(incomplete: str) -> list[str]:
-    """Shipped profiles; where none fits the shell offers files."""
-    from importlib import resources
-
-    names = (file.name.partition(".yaml")[0] for file in (resources.files("fdd") / "units").iterdir())
-    return sorted(name for name in names if name.startswith(incomplete))
-
-
 UnitOption = Annotated[
-    str | None,
-    option("Unit profile: a YAML file or a shipped one (axis_a, axis_b).", "--unit", autocompletion=units),
+    str | None, option("Unit profile: a YAML file or a shipped one (axis_a, axis_b).", "--unit")
 ]
 MapOption = Annotated[Path | None, option("Channel map (YAML) of the logs.", "--map")]
 ModelOption = Annotated[Path | None, option("Trained model; the shipped one else.", "--model")]
@@ -167,11 +151,6 @@ JsonOption = Annotated[
 ]
 AxisOption = Annotated[str | None, option("Axis of an MCAP file, or a store, with several.", "--axis")]
 ReportOption = Annotated[Path | None, option("Write a page.", "--report", metavar="FILE.html")]
-FolderOption = Annotated[
-    Path | None,
-    option("Folder for all of it: index.html with its tables, as CSV and JSON too, and reports.",
-           "--output", "-o", metavar="DIR"),
-]  # fmt: skip
 SpeedOption = Annotated[str, typer.Option(help="Times real time, or max.")]
 WorkersOption = Annotated[
     int | None, option("Processes for several jobs; one for each core else.", min=1, max=256)

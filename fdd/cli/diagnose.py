@@ -30,11 +30,7 @@ DEMO_LOG, DEMO_UNIT = "demo.mcap", "unit.yaml"
 
 
 def diagnose(
-    logs: Annotated[
-        list[Path],
-        argument("Files, folders (all logs below), quoted patterns such as 'runs/*.csv', or @list.txt.",
-                 "LOG..."),
-    ],
+    logs: Annotated[list[Path], argument("Files, and folders for all logs below.", "LOG...")],
     unit: command.UnitOption = None,
     map_: command.MapOption = None,
     model: command.ModelOption = None,
@@ -63,7 +59,11 @@ def diagnose(
         option("Ask a classifier that fdd train --classifier wrote, too; its opinion stands beside ours.",
                metavar="FILE.skops"),
     ] = None,
-    output_: command.FolderOption = None,
+    output_: Annotated[
+        Path | None,
+        option("Folder for all of it: index.html, summary.csv, answers.jsonl and reports.", "--output", "-o",
+               metavar="DIR"),
+    ] = None,
     resume: Annotated[
         bool, option("Keep what --output holds of unchanged logs and settings.", "--resume")
     ] = False,

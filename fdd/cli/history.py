@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fdd.cli import command
-from fdd.cli.command import USAGE, argument, option, require_outputs, require_packages, write_json
+from fdd.cli.command import USAGE, argument, option, require_outputs, require_packages
 from fdd.errors import InputError
-from fdd.files import require_writable, write_text, written
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
@@ -81,7 +80,6 @@ def trend(
     since: Annotated[
         str | None, option("Of a store: its last hours (h), days (d) or weeks (w).", metavar="30d")
     ] = None,
-    output_: command.FolderOption = None,
     json_: command.JsonOption = None,
     report: command.ReportOption = None,
     workers: command.WorkersOption = None,
@@ -89,14 +87,11 @@ def trend(
     """Tell where a unit is going: each estimate over its logs, and when it comes to its limit."""
     from fdd.cli.console import tell_sheet
     from fdd.history.trend import given_limits, severity_one, trend_of
-    from fdd.history.view import trend_csv, trend_sheet
+    from fdd.history.view import trend_sheet
     from fdd.offline import Settings
-    from fdd.report.page import render_sheet, write_bundle
 
     chosen = given_limits(limit or [])
     require_outputs(json_, report)
-    if output_ is not None:
-        require_writable(output_, folder=True)
     settings = Settings(unit, map_, None, axis)
     stored = [text for text in logs if "://" in text]
     if (since is not None and not stored) or (stored and len(logs) > 1):
@@ -112,7 +107,7 @@ def trend(
     elif files:
         answers, known = _of_answers(files, settings)
     else:
-        answers, known = _of_logs(paths, settings, workers, output_)
+        answers, known = _of_logs(paths, settings, workers)
     for answer in answers:
         if answer.error:
             print(f"fdd: error: {answer.error}", file=sys.stderr)
@@ -120,15 +115,8 @@ def trend(
     life, courses = trend_of(answers, limits, each)
     if not limits:
         life.notes.append(f"No limits: profile {life.unit} is not at hand (give --unit, or --limit).")
-    told, sheet = life.model_dump_json(by_alias=True, indent=2), trend_sheet(life, courses)
-    if output_ is not None:
-        with written(output_):
-            output_.mkdir(parents=True, exist_ok=True)
-        write_bundle(output_)
-        write_json(str(output_ / "trend.json"), told)
-        write_text(output_ / "trend.csv", trend_csv(life))
-        write_text(output_ / "index.html", render_sheet(sheet, alone=False))
-    tell_sheet(told, sheet, json_, report)
+    told = life.model_dump_json(by_alias=True, indent=2)
+    tell_sheet(told, trend_sheet(life, courses), json_, report)
     if any(a.error for a in answers):
         raise typer.Exit(USAGE)
 
@@ -162,11 +150,11 @@ def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered
     return (answers, unit), each
 
 
-def _of_logs(logs: list[Path], settings: Settings, workers: int | None, leave_out: Path | None) -> Answered:
+def _of_logs(logs: list[Path], settings: Settings, workers: int | None) -> Answered:
     from fdd.cli.batch import find_logs, names_of, worked
     from fdd.offline import Diagnoser, Job, unit_of
 
-    paths = find_logs(logs, leave_out)
+    paths = find_logs(logs)
     jobs = [Job(path, name) for path, name in zip(paths, names_of(paths), strict=True)]
     diagnoser = Diagnoser(settings)
     found = dict(worked(jobs, settings, workers))

@@ -144,8 +144,7 @@ def identify(
     logs: Annotated[list[Path], argument("Logs of this unit while healthy.", "HEALTHY_LOG...")],
     out: Annotated[Path, option("Profile to write (YAML).", "--out", "-o")],
     base: Annotated[
-        str, typer.Option(help="Profile of a similar unit: a YAML file or a shipped one.",
-                          autocompletion=command.units)
+        str, typer.Option(help="Profile of a similar unit: a YAML file or a shipped one.")
     ] = "axis_a",
     map_: command.MapOption = None,
     axis: command.AxisOption = None,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fdd.cli.command import faults, option, units
+from fdd.cli.command import option
 from fdd.engines import Advance
 from fdd.errors import InputError
 from fdd.files import require_writable
@@ -58,8 +58,7 @@ def simulate(
         Path | None, option("A whole scenario from a YAML file; other options override it.")
     ] = None,
     unit: Annotated[
-        str | None,
-        option("Unit profile: a YAML file or a shipped one.", show_default="axis_a", autocompletion=units),
+        str | None, option("Unit profile: a YAML file or a shipped one.", show_default="axis_a")
     ] = None,
     profile: Annotated[
         str | None,
@@ -73,8 +72,7 @@ def simulate(
         list[str] | None,
         option(
             "ID:severity=0.4,onset=20; also profile, ramp, period, duty, seed, side, variant, law, axis. "
-            "Repeatable.",
-            autocompletion=faults,
+            "Repeatable."
         ),
     ] = None,
     duration: Annotated[float | None, option("Seconds.", show_default="60")] = None,
@@ -92,7 +90,7 @@ def simulate(
     partner: Annotated[
         str | None,
         option("Second axis on the same rod: its unit profile, as in axis_b:drive=still,power=0; drive is "
-               "same or still.", autocompletion=units, rich_help_panel=RIG),
+               "same or still.", rich_help_panel=RIG),
     ] = None,
     valve: Annotated[
         list[str] | None,

@@ -1,9 +1,7 @@
-"""Comparisons and lives for people: tables for terminal and page, a CSV table, and the plots."""
+"""Comparisons and lives for people: tables for terminal and page, and the plots."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import Any
@@ -16,7 +14,7 @@ from fdd.history import Comparison, EstimateChange, Life
 from fdd.history.compare import NO_CHANGE
 from fdd.history.trend import Course
 from fdd.report import traces as tr
-from fdd.report.page import Sheet, Table, cell
+from fdd.report.page import Sheet, Table
 from fdd.report.plots import TO_RPM, Figure, Section
 from fdd.report.tables import NOTHING, number, with_std
 from fdd.report.words import candidates, fault_title, percent, seconds, span
@@ -147,21 +145,6 @@ def _trend_tables(life: Life) -> list[Table]:
             "Estimates as factors of the profile's, ± standard deviation.", numbers=False,
         ),
     ]  # fmt: skip
-
-
-def trend_csv(life: Life) -> str:
-    """trend.csv: one row a log; comma, point, UTF-8 with a byte order mark."""
-    points = {t.quantity: {p.log: (p.value, p.std) for p in t.points} for t in life.trends}
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\r\n")
-    columns = [f"{name}{end}" for name in points for end in ("", "_std")]
-    writer.writerow(["log", "started_at", f"{life.per}s", "verdict", "faults", *columns, "left_out"])
-    for x in life.logs:
-        figures = [v for found in points.values() for v in found.get(x.log, (None, None))]
-        at, *plain = [None if v is None else float(f"{v:.6g}") for v in (x.at, *figures)]
-        faults = " ".join(x.faults)
-        writer.writerow([cell(x.log), x.started_at, at, x.verdict, faults, *plain, cell(x.left_out)])
-    return "\ufeff" + out.getvalue()
 
 
 def _course_figure(course: Course, life: Life) -> Figure:

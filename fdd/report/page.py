@@ -118,13 +118,13 @@ class Sheet:
     sections: list[Section]
 
 
-def render_sheet(sheet: Sheet, *, alone: bool = True) -> str:
+def render_sheet(sheet: Sheet) -> str:
     """The sheet as HTML, see `page`: tables after the first behind the plots; text from logs is escaped."""
     shown = [s for s in sheet.sections if s.figures]
     for section in shown:
         section.figures[-1].wide = len(section.figures) % 2 == 1
     return page(
-        "sheet.html", [f for s in shown for f in s.figures], alone=alone, sheet=sheet, sections=shown,
+        "sheet.html", [f for s in shown for f in s.figures], sheet=sheet, sections=shown,
         mark=MARKS.get(sheet.kind), version=fdd.__version__,
     )  # fmt: skip
 
@@ -210,11 +210,11 @@ def summary_csv(rows: Sequence[Row]) -> str:
                 "confidence": round(fault.confidence, 6), "severity_low": low, "severity_high": high,
             })  # fmt: skip
         for each in found or [{}]:
-            writer.writerow({k: cell(v) for k, v in {**common, **each}.items()})
+            writer.writerow({k: _cell(v) for k, v in {**common, **each}.items()})
     return "\ufeff" + out.getvalue()
 
 
-def cell(value: object) -> object:
+def _cell(value: object) -> object:
     """Text that a spreadsheet would take for a formula is marked as text."""
     return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@")) else value
 

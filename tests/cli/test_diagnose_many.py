@@ -58,7 +58,7 @@ def answers_of(out: Path) -> list[dict]:
     return [json.loads(line) for line in (out / "answers.jsonl").read_text("utf-8").splitlines()]
 
 
-def test_folders_patterns_and_lists_and_names_that_collide(tmp_path):
+def test_folders_and_names_that_collide(tmp_path):
     for name in (
         "b/2.csv", "b/1.MCAP", "a.csv.gz", "z.txt", "b/.x/3.csv", ".4.csv", "notes.md", "out/summary.csv",
     ):  # fmt: skip
@@ -70,22 +70,11 @@ def test_folders_patterns_and_lists_and_names_that_collide(tmp_path):
         return [p.relative_to(tmp_path).as_posix() for p in paths]
 
     assert found(tmp_path) == ["a.csv.gz", "b/1.MCAP", "b/2.csv", "z.txt"]
-    assert found(tmp_path / "*.txt", tmp_path / "**/*.csv") == ["z.txt", "b/2.csv", "out/summary.csv"]
     assert found(tmp_path / "b/2.csv", tmp_path / "b") == ["b/2.csv", "b/1.MCAP"], "each once"
-    listed = tmp_path / "list.lst"
-    listed.write_text(f"# two\n\n{tmp_path / 'z.txt'}\n{tmp_path / 'b'}\n")
-    assert found(Path(f"@{listed}")) == ["z.txt", "b/1.MCAP", "b/2.csv"]
     assert found(tmp_path / "missing.csv") == ["missing.csv"], "refused when it is read"
-    (tmp_path / "odd[1].csv").touch()
-    assert found(tmp_path / "odd[1].csv") == ["odd[1].csv"], "a file may be called like a pattern"
     (tmp_path / "empty").mkdir()
-    for given, words in (
-        (tmp_path / "empty", "no log below"),
-        (tmp_path / "*.mat", "no file has such a name"),
-        (Path(f"@{tmp_path / 'none'}"), "cannot be read"),
-    ):
-        with pytest.raises(InputError, match=words):
-            find_logs([given])
+    with pytest.raises(InputError, match="no log below"):
+        find_logs([tmp_path / "empty"])
     assert {".mcap", ".csv.gz", ".mf4"} <= set(suffixes())
     logs = [tmp_path / "a" / "x" / "r.csv", tmp_path / "b" / "x" / "r.csv", tmp_path / "b" / "s.csv"]
     assert names_of(logs) == ["a/x/r.csv", "b/x/r.csv", "s.csv"]

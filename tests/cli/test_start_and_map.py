@@ -58,13 +58,11 @@ def test_commands_are_found_one_after_the_other():
     assert lines[-1].startswith("fdd ")
 
 
-def test_the_shell_offers_commands_faults_and_profiles():
+def test_the_shell_offers_commands_and_options():
     """What bash would show after a line; its last word is being typed."""
     offered = {
         "fdd d": ["diagnose", "demo"],
-        "fdd simulate --fault pump": ["pump_wear"],
-        "fdd diagnose run.mcap --unit ": ["axis_a", "axis_b"],
-        "fdd identify --base rig": [],
+        "fdd identify run.mcap --ba": ["--base"],
     }
     program = (
         "for line in sys.argv[1:]:\n"

@@ -14,7 +14,7 @@ from fdd.history import Life, Trend
 from fdd.history.compare import seen
 from fdd.history.line import fit_line, holm
 from fdd.history.trend import given_limits, severity_one, trend_of
-from fdd.history.view import trend_csv, trend_sheet
+from fdd.history.view import trend_sheet
 from fdd.report.page import render_sheet
 from fdd.unit import Unit
 from tests.refusal import refused
@@ -139,7 +139,6 @@ def test_what_cannot_be_read_or_has_a_failed_sensor_does_not_count_and_faults_st
     answers[4] = alarmed(answers[4], "sensor_dropout", "sensor")
     assert len(leakage(answers).points) == 11
     assert "sensor" in (told(answers).logs[4].left_out or "")
-    assert trend_csv(told(bad)).count("\r\n") == 14
     answers = life(2)
     answers[4] = alarmed(answers[4], "internal_leakage", "leakage")
     found, courses = trend_of(answers, LIMITS)
