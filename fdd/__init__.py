@@ -4,7 +4,7 @@
 `simulate`              a scenario on a unit: samples as its log would show them, and the truth
 `read_log`              a log of any format in SI units, and what was odd about it
 `identify`              healthy logs to a `Unit`, the profile of one actuator, that can be saved
-`diagnose`              a log to a `Diagnosis`: verdict, faults, estimates, `Diagnosis.plot`
+`diagnose`              a log to a `Diagnosis`: verdict, faults, estimates
 `Pipeline`              the same in blocks of any size, as they come: `push`, `finish`
 `load_dataset`          what ``fdd generate`` made, as pandas and NumPy, with splits by unit
 `Scenario`, `Samples`   what `simulate` takes, and the channels that all of these take and give
@@ -20,7 +20,6 @@
 >>> leakage = answer.estimates["leakage"]  # m³/(s·Pa)
 >>> leakage.value > leakage.baseline + 5 * leakage.std
 True
->>> figure = answer.plot()  # matplotlib's: figure.savefig("run.pdf")
 
 Samples are NumPy columns in SI units (`fdd.samples.CHANNELS`: names, units, meaning); what is missing is NaN.
 Unusable input raises `InputError`, a ValueError of one line: what is wrong, where, and what mends it.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +26,7 @@ from fdd.samples import Samples
 from fdd.unit import Unit, shipped_units
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 BLOCK_ROWS = 10_000
 DEFAULT_UNIT = "axis_a"
@@ -40,7 +40,6 @@ def diagnose(
     model: Model | str | Path | None = None,
     axis: str | None = None,
     trackers: Sequence[str] = (),
-    keep_signals: bool = True,
 ) -> Diagnosis:
     """Diagnose a log: is there a fault, since when, which one, how severe, and how sure is that.
 
@@ -54,7 +53,6 @@ def diagnose(
     map : channel map of a file whose columns have other names than `fdd.samples.CHANNELS`.
     model : learnt layer, or its file; None takes the shipped one.
     axis : of a file with several. trackers : of installed packages, that run beside ours (docs/extending.md).
-    keep_signals : what `Diagnosis.plot` draws stays with the answer; False where many answers are kept.
 
     Returns
     -------
@@ -78,20 +76,10 @@ def diagnose(
     diagnoser = Diagnoser(Settings(unit, map, model, axis, tuple(dict.fromkeys(trackers))))
     if isinstance(log, str | Path):
         job = Job(Path(log), Path(log).name)
-        found = diagnoser.diagnose(job, diagnoser.read(job), keep_trajectories=keep_signals)
-    else:
-        read = as_log(log, axis) if isinstance(log, Samples) else log
-        read = read if axis is None else replace(read, axis=axis)
-        found = diagnoser.answer(read, read.name, read.name, keep_trajectories=keep_signals)
-    if keep_signals:
-        found.diagnosis.draw_with(partial(_figure, found))
-    return found.diagnosis
-
-
-def _figure(found: Diagnosed) -> Figure:
-    from fdd.report.figure import draw_diagnosis
-
-    return draw_diagnosis(found.diagnosis, found.trajectories, found.log.samples)
+        return diagnoser.diagnose(job, diagnoser.read(job), keep_trajectories=False).diagnosis
+    read = as_log(log, axis) if isinstance(log, Samples) else log
+    read = read if axis is None else replace(read, axis=axis)
+    return diagnoser.answer(read, read.name, read.name, keep_trajectories=False).diagnosis
 
 
 @dataclass

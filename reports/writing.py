@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,10 +16,16 @@ import typer
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from fdd import __version__
+from fdd.errors import InputError
 from fdd.files import require_writable, whole_file, write_text, written
-from fdd.report.figure import STYLE, require_matplotlib
 
 FOLDER = Path("reports")
+STYLE = {
+    "font.size": 10, "axes.grid": True, "grid.color": "0.9", "axes.axisbelow": True, "axes.spines.top": False,
+    "axes.spines.right": False, "legend.frameon": True, "legend.edgecolor": "none", "legend.framealpha": 0.9,
+    "lines.markersize": 5,
+}  # fmt: skip
+"""Of all pictures, for `matplotlib.rc_context`."""
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder of the report and its pictures.")]
 
 
@@ -45,6 +52,13 @@ def require_folder(out: Path, *, pictures: bool = False) -> None:
     require_writable(out, folder=True)
     if pictures:
         require_matplotlib()
+
+
+def require_matplotlib() -> None:
+    """Refuse where matplotlib, an extra of the package, is missing, and say what to install."""
+    if find_spec("matplotlib") is None:
+        problem = "matplotlib, which draws the pictures, is not installed"
+        raise InputError(problem, mend="install fdd[reports]")
 
 
 def write_report(path: Path, text: str) -> None:

@@ -42,10 +42,9 @@ def test_each_door_is_what_its_name_says_and_no_room_hides_it() -> None:
 
 
 @pytest.mark.slow
-def test_the_example_in_the_help_holds(monkeypatch) -> None:
-    monkeypatch.setenv("MPLBACKEND", "Agg")
+def test_the_example_in_the_help_holds() -> None:
     found = doctest.testmod(fdd)
-    assert found.attempted == 8 and not found.failed
+    assert found.attempted == 7 and not found.failed
 
 
 def test_type_checkers_see_the_doors_where_they_are() -> None:
@@ -64,9 +63,6 @@ def test_the_wheel_takes_the_marker_along() -> None:
 
 @pytest.mark.slow
 def test_the_pages_code_runs(tmp_path: Path, monkeypatch, capsys) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
     from fdd.cli.app import app
 
     monkeypatch.chdir(tmp_path)
@@ -82,7 +78,7 @@ def test_the_pages_code_runs(tmp_path: Path, monkeypatch, capsys) -> None:
     shown: dict = {}
     exec(compile(blocks[0], "reference.md", "exec"), shown)
     assert fdd.Unit.load("unit.yaml").name == shown["unit"].name == shown["answer"].unit
-    assert Path("run.pdf").read_bytes().startswith(b"%PDF")
+    assert shown["over_time"].estimates["ekf"]["leakage"].shape == shown["over_time"].time.shape
     assert shown["answer"].faults[0].fault == "internal_leakage"
     printed = capsys.readouterr().out
     assert '"verdict": "faulty"' in printed and "internal_leakage 12.0" in printed

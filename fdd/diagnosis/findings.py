@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from operator import is_, not_
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
+from pydantic import BaseModel, ConfigDict, Field
 
 import fdd
-from fdd.errors import InputError
 from fdd.faults import CATALOGUE, FAMILIES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ESTIMATED: dict[str, tuple[str, str, str]] = {
     "leakage": ("m^3/(s*Pa)", "1e-12 m³/(s·Pa)", "Leakage coefficient"),
@@ -197,37 +193,6 @@ class Diagnosis(BaseModel):
     started_at: str | None = Field(default=None, exclude_if=is_none)
     error: str | None = Field(default=None, exclude_if=is_none)
     second_opinion: SecondOpinion | None = Field(default=None, exclude_if=is_none)
-    _draw: Callable[[], Any] | None = PrivateAttr(default=None)
-    """Draws the log that this is the answer for; no part of the answer."""
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Diagnosis) and self.model_dump() == other.model_dump()
-
-    def __getstate__(self) -> dict[Any, Any]:
-        return {**super().__getstate__(), "__pydantic_private__": {"_draw": None}}
-
-    def plot(self) -> Figure:
-        """Signals, estimates with their bands and the test statistic over time, with onsets and alarms.
-
-        Returns
-        -------
-        A figure of matplotlib (``pip install 'fdd[reports]'``): ``answer.plot().savefig("run.pdf")``.
-
-        Raises
-        ------
-        InputError : matplotlib is missing, or the answer's signals are not here: it was read from JSON, came
-            from another process or from `Pipeline.finish`, or `fdd.diagnose` was told not to keep them.
-        """
-        if self._draw is None:
-            raise InputError(
-                f"the signals of {self.log or 'this answer'} are not here to be drawn",
-                mend="diagnose the log anew, with fdd.diagnose(log)",
-            )
-        return self._draw()
-
-    def draw_with(self, draw: Callable[[], Figure]) -> None:
-        """Let `plot` give what `draw` makes."""
-        self._draw = draw
 
     @classmethod
     def unreadable(cls, log: str, error: str, sha256: dict[str, str]) -> Diagnosis:
