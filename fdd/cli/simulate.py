@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 Data = dict[str, Any]
 RIG = "Load, control and circuit"
-CONNECT = {"connect_1": "line_1", "connect_2": "line_2", "connect_flow": "flow"}
-"""Names of the connect valves on the command line, and in a scenario."""
 WIDTH_IN_A_FILE = 160
 """Columns of the list of faults where it does not go to a terminal."""
 
@@ -92,12 +90,6 @@ def simulate(
         option("Second axis on the same rod: its unit profile, as in axis_b:drive=still,power=0; drive is "
                "same or still.", rich_help_panel=RIG),
     ] = None,
-    valve: Annotated[
-        list[str] | None,
-        option("NAME=OPENING, 0 to 1 or time:opening/time:opening; b.NAME for the partner's. connect_1, "
-               "connect_2, bypass, throttle, external_leakage, charging, blocked. Repeatable.",
-               rich_help_panel=RIG),
-    ] = None,
     temperature: Annotated[
         float | None, option("Oil temperature at the start, °C.", show_default="40")
     ] = None,
@@ -127,8 +119,6 @@ def simulate(
         data["faults"] = [parse_fault(text) for text in fault]
     if partner is not None:
         _set_partner(data, partner)
-    for text in valve or []:
-        _set_valve(data, text)
     machine = Unit.load(str(data.get("unit", "axis_a")))
     if data.get("duty") is None:  # nothing was asked for: steps that any stroke holds
         data["duty"] = Steps(amplitude=min(Steps().amplitude, 0.3 * machine.cylinder.stroke)).model_dump()
@@ -144,16 +134,13 @@ def simulate(
         write_simulation(out, machine, whole, partner=second, truth=truth, advance=advance)
 
 
-def _section(data: Data, *names: str) -> Data:
+def _section(data: Data, name: str) -> Data:
     """A part of the scenario to write into; made where it is not there."""
-    for name in names:
-        inner = data.get(name)
-        if inner is not None and not isinstance(inner, dict):
-            raise InputError(f"{name} {inner!r:.60} has no fields", where="scenario", mend="write its fields")
-        # A copy: what was read from the file stays as it was.
-        data[name] = dict(inner or {})
-        data = data[name]
-    return data
+    inner: Data = data.get(name) or {}
+    if not isinstance(inner, dict):
+        raise InputError(f"{name} {inner!r:.60} has no fields", where="scenario", mend="write its fields")
+    data[name] = inner
+    return inner
 
 
 def _set_motion(data: Data, profile: str | None, load: str | None, control: str | None) -> None:
@@ -178,33 +165,9 @@ def _set_partner(data: Data, text: str) -> None:
 
     name, parameters = named_parameters(text, "--partner")
     if odd := parameters.keys() - {"drive", "power"}:
-        mend = "use drive or power; its valves are --valve b.NAME=OPENING"
+        mend = "use drive or power; its valves stand in a scenario file (--scenario)"
         raise InputError(f"--partner {text}: unknown parameter {min(odd)}", mend=mend)
     _section(data, "partner").update({"unit": name, **parameters})
-
-
-def _set_valve(data: Data, text: str) -> None:
-    """Take ``--valve connect_1=1``, ``throttle=0:0/5:1`` or, of the partner, ``b.throttle=0.5``; and
-    the other numbers of a circuit, and those of its external accumulators, which connects them."""
-    from fdd.plant.rig import Circuit, ExternalAccumulators
-
-    where = f"--valve {text}"
-    key, equals, value = (part.strip() for part in text.partition("="))
-    axis, _, name = key.rpartition(".")
-    circuit = [field for field in Circuit.model_fields if field != "accumulators"]
-    accumulators = list(ExternalAccumulators.model_fields)
-    if not equals or not value or axis not in ("", "a", "b"):
-        raise InputError("not a valve", where=where, mend="write NAME=OPENING, or b.NAME=OPENING")
-    if name in CONNECT and not axis:
-        _section(data, "connect")[CONNECT[name]] = value
-        return
-    if name not in (*circuit, *accumulators):
-        known = ", ".join((*CONNECT, *circuit, *accumulators))
-        raise InputError(f"unknown valve {key!r}", where=where, mend=f"the valves are: {known}")
-    if axis == "b" and data.get("partner") is None:
-        raise InputError("there is no partner", where=where, mend="give --partner, such as --partner axis_b")
-    path = ("partner", "circuit") if axis == "b" else ("circuit",)
-    _section(data, *path, *(("accumulators",) if name in accumulators else ()))[name] = value
 
 
 def require_kind(path: Path) -> None:

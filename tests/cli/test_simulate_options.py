@@ -1,4 +1,4 @@
-"""How ``fdd simulate`` makes a scenario: file and options, partner, valves, the list of faults."""
+"""How ``fdd simulate`` makes a scenario: file and options, partner, the list of faults."""
 
 import re
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
+import fdd
 from fdd.faults import CATALOGUE
 from fdd.plant.scenario import Scenario, scenario_data
 from fdd.unit import Unit
@@ -53,10 +54,21 @@ def test_a_scenario_is_the_defaults_or_that_of_a_file_which_can_be_kept(asked, f
     assert Scenario(**scenario_data(again)) == scenario
 
 
+def test_the_pages_scenario_has_its_valves(asked, tmp_path):
+    page = (Path(fdd.__file__).parents[1] / "docs" / "simulator.md").read_text("utf-8")
+    path = tmp_path / "rig.yaml"
+    path.write_text(re.findall(r"```yaml\n(.*?)```", page, flags=re.DOTALL)[0], encoding="utf-8")
+    _, scenario, _ = asked("--scenario", path)
+    assert scenario.connect.line_1.least == 1.0
+    assert scenario.circuit.bypass.points == ((0, 0), (5, 0), (5, 1))
+    other = scenario.partner.circuit
+    assert other.blocked and other.throttle.points == ((0, 1), (30, 0.1))
+
+
 def test_options_override_the_file_and_leave_the_rest(asked, file):
     unit, scenario, partner = asked(
         "--scenario", file, "--unit", "axis_a", "--seed", 8, "--control", "speed",
-        "--partner", "axis_b:power=0", "--valve", "b.throttle=0.5", "--valve", "bypass=0.1",
+        "--partner", "axis_b:power=0",
         "--fault", "aeration:severity=0.2,axis=2",
     )  # fmt: skip
     assert (unit.name, partner.name) == (scenario.unit, scenario.partner.unit) == ("axis_a", "axis_b")
@@ -64,23 +76,8 @@ def test_options_override_the_file_and_leave_the_rest(asked, file):
     assert (scenario.control.mode, scenario.control.gain) == ("speed", 9000.0)
     assert scenario.partner.drive == "still" and scenario.partner.power.most == 0.0
     circuit = scenario.partner.circuit
-    assert circuit.blocked and circuit.throttle.points == ((0.0, 0.5),)
-    assert scenario.circuit.bypass.most == 0.1
+    assert circuit.blocked and circuit.throttle.points == ((0.0, 1.0), (5.0, 0.2))
     assert [(f.fault, f.axis) for f in scenario.faults] == [("aeration", 2)]
-
-
-def test_valves_by_name_on_their_axis(asked):
-    _, scenario, _ = asked(
-        "--partner", "axis_b", "--valve", "connect_1=1", "--valve", "connect_2=0:0/5:1",
-        "--valve", "a.throttle=0.25", "--valve", "b.external_leakage=0:0/3:0/3:1",
-        "--valve", "b.external_leakage_side=2", "--valve", "b.blocked=true", "--valve", "b.bypass=1",
-        "--valve", "gas_charge=3e5",
-    )  # fmt: skip
-    assert scenario.connect.line_1.least == 1.0 and scenario.connect.line_2.points == ((0, 0), (5, 1))
-    assert scenario.circuit.throttle.most == 0.25 and scenario.circuit.accumulators.gas_charge == 3e5
-    other = scenario.partner.circuit
-    assert other.external_leakage.points == ((0, 0), (3, 0), (3, 1)) and other.external_leakage_side == 2
-    assert other.blocked and other.bypass.most == 1.0 and other.accumulators is None
 
 
 def test_levels_are_written_on_the_command_line(asked):
@@ -93,14 +90,6 @@ def test_levels_are_written_on_the_command_line(asked):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--valve", "connect_1=1"], ["no partner"]),
-        (["--valve", "b.throttle=1"], ["--valve b.throttle=1", "--partner"]),
-        (["--valve", "tap=1"], ["tap", "connect_1", "throttle", "gas_charge"]),
-        (["--valve", "b.connect_1=1", "--partner", "axis_b"], ["b.connect_1"]),
-        (["--valve", "c.throttle=1"], ["b.NAME=OPENING"]),
-        (["--valve", "throttle"], ["NAME=OPENING"]),
-        (["--valve", "throttle=wide"], ["throttle", "number"]),
-        (["--valve", "blocked=perhaps"], ["blocked"]),
         (["--partner", "axis_z"], ["axis_z", "axis_a"]),
         (["--partner", "axis_b:drive=gently"], ["drive"]),
         (["--partner", "axis_b:speed=3"], ["speed", "drive or power"]),
@@ -131,6 +120,10 @@ def test_a_bad_simulation_is_refused(run, one_line, tmp_path, arguments, words):
         ("duration: [", ["not valid YAML"]),
         ("durations: 3\n", ["unknown parameter"]),
         ("partner: axis_b\n", ["partner", "fields"]),
+        ("connect: {line_1: 1}\n", ["no partner"]),
+        ("circuit: {tap: 1}\n", ["tap"]),
+        ("circuit: {throttle: wide}\n", ["throttle", "number"]),
+        ("circuit: {blocked: perhaps}\n", ["blocked"]),
     ],
 )
 def test_a_bad_scenario_file_is_refused(run, one_line, tmp_path, text, words):
