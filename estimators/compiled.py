@@ -1,9 +1,8 @@
 """Numba's ``njit``, whose compiled code is kept on disk until any source that may be part of it changes; and
 records of named numbers, as such code reads and writes them.
 
-Numba dates what it keeps by the function's own file. But a compiled function also holds the functions that it
-calls and the constants that it imports, and goes on with the old ones when their files change. Here each
-result is dated by a hash of all sources of its package, and is used only while that hash is the same.
+Numba dates what it keeps by the function's own file, and goes on with old copies of the functions and
+constants that it imports when their files change. Here a hash of all its package's sources dates each result.
 Where it is kept is left to Numba: beside the sources; where they cannot be written, below the user's cache
 folder; or in ``NUMBA_CACHE_DIR``. A new result replaces the old one, so edits do not fill the folder.
 """
@@ -28,11 +27,8 @@ Two = Annotated[NDArray[np.float64], 2]
 
 
 def sources_key(*folders: Path) -> str | None:
-    """Hash of all Python sources below some packages' folders, and of what compiles them.
-
-    Sources are named relative to the folder: a copy elsewhere has the same key. None where there are no
-    sources to be read (a zipped or frozen program).
-    """
+    """Hash of all Python sources below some packages' folders, named relative to these, and of what compiles
+    them; None where there are no sources to be read (a zipped or frozen program)."""
     found = [(path, path.relative_to(folder)) for folder in folders for path in sorted(folder.rglob("*.py"))]
     total = hashlib.sha256(f"{sys.version} {numba.__version__} {np.__version__}".encode())
     for path, name in found:

@@ -1,11 +1,9 @@
 """Compiled filter arithmetic: what a loop over millions of samples calls.
 
-Every function works in place where it says so, and takes C-contiguous ``float64`` arrays (``bool`` for
-masks). They check nothing: the classes in :mod:`estimators.ekf` and :mod:`estimators.svsf` do.
-
-Scalar updates and unpivoted Cholesky factors commute with a change of units of
-states or channels, so raw SI (metres beside pascals) costs no digits here. The Joseph
-form holds as long as no update shrinks a variance by more than 13 decades.
+Arrays are C-contiguous ``float64`` (``bool`` for masks), and nothing is checked: the classes in
+:mod:`estimators.ekf` and :mod:`estimators.svsf` do. Scalar updates and unpivoted Cholesky factors commute
+with a change of units, so raw SI (metres beside pascals) costs no digits. The Joseph form holds as long as no
+update shrinks a variance by more than 13 decades.
 """
 
 from __future__ import annotations
@@ -60,9 +58,8 @@ def kalman_update_correlated(
     """Kalman update, in place, one channel after the other.
 
     The channels are made independent first (:func:`decorrelate`). Each is then a scalar update in Joseph
-    form, ``P <- (I - k h) P (I - k h)' + k r k'`` with ``k = P h' / (h P h' + r)``, so no matrix is inverted
-    and ``P`` stays symmetric and positive (Bierman 1977, Factorization Methods for Discrete Sequential
-    Estimation, ch. II).
+    form, so no matrix is inverted and ``P`` stays symmetric and positive (Bierman 1977, Factorization Methods
+    for Discrete Sequential Estimation, ch. II).
 
     Parameters
     ----------
@@ -128,13 +125,9 @@ def svsf_gain(
 ) -> bool:  # fmt: skip
     """Gain of the SVSF (:mod:`estimators.svsf`), fewer channels than states allowed.
 
-    The correction that the measured subspace must take is ``k = r e`` per channel, ``r = E / psi`` inside the
-    layer (``|e| <= psi``) and ``r = E / |e|`` outside. ``H+ = P H' (H P H')^-1`` carries it to all states::
-
-        delta = H+ k + (I - H+ H) K_ekf e
-
-    Here ``H+ H K_ekf = K_ekf``, so the second term is zero identically: what an EKF would tell the unmeasured
-    states already arrives through the cross-covariances in ``H+``. Hence ``K = H+ diag(r)``.
+    ``K = H+ diag(r)``, ``r = E / psi`` inside the layer (``|e| <= psi``) and ``E / |e|`` outside. The term
+    ``(I - H+ H) K_ekf e`` of published forms is zero identically, since ``H+ H K_ekf = K_ekf``: what an EKF
+    would tell the unmeasured states arrives through the cross-covariances in ``H+``.
 
     Channels that measure the same combination of states make ``H P H'`` singular; then a
     share :data:`TIE_BREAK` of ``R`` is added to it, which weighs them by their noise.
@@ -150,9 +143,8 @@ def svsf_gain(
 
     Returns
     -------
-    switched : True when ``K`` holds the SVSF's gain; False when the Kalman gain is to be used
-        (and ``K`` is not filled): inside the limit, or with nothing to correct in
-        ``H P H'`` (no noise and no uncertainty).
+    switched : False where the Kalman gain is to be used and ``K`` is not filled: inside the limit, or with no
+        noise and no uncertainty in ``H P H'``.
     """
     n, m = PHt.shape
     L, S = np.zeros((m, m)), HPHt + R

@@ -11,12 +11,10 @@ the variances alone, what the data brought is::
 they tell about *it*, to someone who knows the others as well as the filter does: little, while only a sum
 shows. A variance that grows by more than the walk (a filter that was set free after a jump) gained nothing.
 
-**Validity.** An estimate becomes valid where its standard deviation falls below a share of its value,
-and stays so until it exceeds a larger share: a filter near the limit does not flicker.
-
-**Holding.** While an estimate is not valid its last valid value is held. Its standard deviation
-grows with the walk, and is never below the filter's own. Where the filter set itself free at once, it had
-been misled for some time before it noticed: then the value from before the last tenth of the window is held.
+**Validity and holding.** An estimate becomes valid where its standard deviation falls below a share of its
+value, and stays so until it exceeds a larger share. Then its last valid value is held, with a standard
+deviation that grows with the walk and is never below the filter's own. Where the filter set itself free at
+once, it had been misled for some time: then the value from before the last tenth of the window is held.
 """
 
 from __future__ import annotations
@@ -65,7 +63,7 @@ class Drift:
 
 
 STEADY = Drift()
-"""A constant: nothing is lost, so all that a standard deviation shrinks by was learnt."""
+"""Of a constant."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +75,7 @@ class Observed:
     valid : the estimate is good for use.
     information_std : standard deviation that the last seconds alone would give; inf without any information.
     held : the estimate while valid, and its last valid value after; NaN before the first.
-    held_std : standard deviation of `held`.
-    age : s since the estimate was valid, 0 while it is; NaN before the first.
+    held_std, age : standard deviation of `held`; s since the estimate was valid, NaN before the first.
     """
 
     valid: Flags
@@ -117,8 +114,6 @@ class Observability:
     [0.28, inf]
     >>> time[gain.valid][[0, -1]].round(1).tolist(), float(gain.age[-1].round(1))
     ([6.5, 26.9], 13.1)
-    >>> watch
-    Observability({'gain': (0.05, 0.06)}, window=5.0)
     """
 
     def __init__(self, limits: Mapping[str, tuple[float, float]], *, window: float = 5.0) -> None:
@@ -133,9 +128,6 @@ class Observability:
         self._time = np.full(1, np.nan)
         self._carried = np.full((len(self.limits), CARRIED), np.nan)
         self._carried[:, C_PARTS:] = self._carried[:, [C_VALID]] = 0.0
-
-    def __repr__(self) -> str:
-        return f"Observability({self.limits}, window={self.window})"
 
     def push(
         self, time: ArrayLike, values: Mapping[str, ArrayLike], stds: Mapping[str, ArrayLike],

@@ -1,9 +1,8 @@
 """Smooth variable structure filter: keeps hold of the state when the model is wrong.
 
-A Kalman filter trusts its covariances; when the plant changes, it lags. The SVSF instead
-forces the measured part of the state into a band around the measurement that is as wide as
-the *boundary layer* ``psi``. Per channel, with ``e = z - h(x_prior)``, the posterior error
-``e_post`` of the step before, and ``E = |e| + gamma |e_post|``::
+It forces the measured part of the state into a band around the measurement, the *boundary layer* ``psi``. Per
+channel, with ``e = z - h(x_prior)``, the posterior error ``e_post`` of the step before, and
+``E = |e| + gamma |e_post|``::
 
     correction  k = E sat(e / psi)      sat(a) = a for |a| <= 1, else sgn(a)
     state       x <- x + H+ k           H+ = P H' (H P H')^-1
@@ -63,8 +62,7 @@ class SVSF(ExtendedKalmanFilter):
 
     Examples
     --------
-    A constant that jumps by 5 at the sixth sample; the Kalman filter of the same tuning
-    still lags by 4.2 at the end, the SVSF by less than its layer:
+    A constant that jumps by 5 at the sixth sample, which the Kalman filter of the same tuning hardly follows:
 
     >>> import numpy as np
     >>> kf, svsf = ExtendedKalmanFilter(1, 1), SVSF(1, 1, psi=0.5, boundary_layer="variable")
