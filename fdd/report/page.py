@@ -52,7 +52,7 @@ ORDER = ("faulty", "unreadable", "inconclusive", "healthy")
 
 def render_report(
     diagnosis: Diagnosis, trajectories: Trajectories, samples: Samples, unit: Unit,
-    settings: dict[str, str], *, alone: bool = True, made: datetime | None = None,
+    settings: dict[str, str], *, alone: bool = True,
 ) -> str:  # fmt: skip
     """The report of one diagnosis as HTML, see `page`; text from the log is escaped.
 
@@ -60,7 +60,7 @@ def render_report(
     """
     found = sections(diagnosis, trajectories, samples)
     return page(
-        "page.html", [f for s in found for f in s.figures], alone=alone, made=made,
+        "page.html", [f for s in found for f in s.figures], alone=alone,
         verdict=verdict_words(diagnosis, unit), second_opinion=second_opinion_words(diagnosis),
         diagnosis=diagnosis, duration=span(diagnosis.duration_s),
         sample_count=tables.grouped(diagnosis.samples), sections=found,
@@ -71,9 +71,7 @@ def render_report(
     )  # fmt: skip
 
 
-def page(
-    name: str, figures: list[Figure], *, alone: bool = True, made: datetime | None = None, **shown: object
-) -> str:
+def page(name: str, figures: list[Figure], *, alone: bool = True, **shown: object) -> str:
     """A page from its template, with its figures, what draws them, and a policy that lets nothing else run.
 
     `alone` it holds plotly.js (0.7 MB); else it loads the one beside it, see `write_bundle`.
@@ -87,7 +85,7 @@ def page(
     drawn = json.dumps(plain, allow_nan=False, separators=(",", ":")).encode("ascii")
     packed = base64.b64encode(gzip.compress(drawn, 6, mtime=0)).decode("ascii")  # the script unpacks it
     return _template(name).render(
-        **shown, made=_stamp(made), style=Markup(_part("page.css")), figures=packed, bundle=bundle,
+        **shown, made=_stamp(), style=Markup(_part("page.css")), figures=packed, bundle=bundle,
         script=Markup(script), script_sources=Markup(f"{_source_hash(script.encode())} {others}"),
     )  # fmt: skip
 
@@ -227,9 +225,9 @@ def _versions() -> list[tuple[str, str]]:
     return [*fdd_itself, *libraries, ("plotly.js", PLOTLY_VERSION)]
 
 
-def _stamp(made: datetime | None = None) -> str:
-    """When a page was made, to the minute; now, where None."""
-    return f"{made or datetime.now(UTC):%Y-%m-%d %H:%M UTC}"
+def _stamp() -> str:
+    """When a page was made, to the minute."""
+    return f"{datetime.now(UTC):%Y-%m-%d %H:%M UTC}"
 
 
 @lru_cache

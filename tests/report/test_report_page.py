@@ -2,7 +2,6 @@
 
 import re
 import time
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ def trace(figure: dict[str, Any], name: str) -> dict[str, Any]:
 def faulty() -> tuple[Case, str, Page]:
     """A report, to be looked at alone."""
     made = case()
-    html = render_report(*made, made=datetime(2026, 1, 2, 3, 4, tzinfo=UTC))
+    html = render_report(*made)
     return made, html, Page(html)
 
 
@@ -53,11 +52,12 @@ def test_everything_that_was_asked_for_is_there(faulty):
     wanted |= {f"measured-{name}" for name in measured}
     assert set(page.figures) == wanted and {f"plot-{name}" for name in wanted} <= set(page.attributes("id"))
     for words in (
-        "+75 %", "2026-01-02 03:04 UTC", "axis_a", "numpy", "false alarms per hour", "Sensors not trusted",
+        "+75 %", "axis_a", "numpy", "false alarms per hour", "Sensors not trusted",
         "missing, since 20.0 s", "Would have been invisible", "below severity 0.07",
         "To confirm it: Block the rod", "10000 samples",
     ):  # fmt: skip
         assert words in page.text
+    assert re.search(r"20\d\d-\d\d-\d\d \d\d:\d\d UTC", page.text)
     assert "width=device-width" in "".join(page.attributes("content"))
 
 
