@@ -113,7 +113,7 @@ def _mark_faults(layout: dict[str, Any], faults: list[FaultFinding], reach: tupl
             layout["shapes"].append(tr.bar_at_top(early, late))
         marks = (("onset", fault.onset_s, "dash"), ("detected", fault.detected_s, "solid"))
         for word, at, dash in marks:
-            if not (np.isfinite(at) and start <= at <= stop):
+            if not start <= at <= stop:
                 continue
             layout["shapes"].append(tr.upright(at, dash=dash))
             share = (at - start) / (stop - start)

@@ -59,7 +59,7 @@ def _estimate_row(name: str, e: Estimate) -> dict[str, str]:
         None if x is None else x * scale for x in (e.baseline, e.value, e.std, e.held, e.held_std)
     )
     change = NOTHING if e.observable else "not seen"
-    if e.observable and e.value is not None and e.baseline and math.isfinite(e.value):
+    if e.observable and e.value is not None and e.baseline:
         percent_change = round(100.0 * (e.value / e.baseline - 1.0))
         change = f"{percent_change:+d} %".replace("-", "−") if percent_change else "0 %"
     held = ""  # while it is observable, and where it never was known

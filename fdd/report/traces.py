@@ -221,13 +221,9 @@ def envelope(
 
 
 def bucket_means(values: NDArray[np.float64], buckets: int = BUCKETS) -> NDArray[np.float64]:
-    """Means over buckets of consecutive rows: (m, k) to at most (buckets, k)."""
-    m = values.shape[0]
-    if m <= buckets:
-        return values
-    start = np.arange(0, m, -(-m // buckets))
-    counts = np.diff(np.append(start, m)).astype(np.float64)
-    return np.add.reduceat(values, start, axis=0) / counts.reshape(-1, *([1] * (values.ndim - 1)))
+    """Means over buckets of consecutive rows: (m, k) to at most (buckets, k), (m,) likewise; m > 0."""
+    parts = np.array_split(values, min(buckets, len(values)))
+    return np.array([part.mean(axis=0) for part in parts])
 
 
 def break_at_gaps(time: Column, values: Column) -> tuple[Column, Column]:

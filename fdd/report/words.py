@@ -65,8 +65,6 @@ def percent(share: float) -> str:
     >>> percent(0.97), percent(0.998), percent(0.002)
     ('97 %', 'over 99 %', 'under 1 %')
     """
-    if not math.isfinite(share):
-        return "–"
     if share > 0.995:
         return "over 99 %"
     if share < 0.005:
@@ -83,8 +81,6 @@ def seconds(value: float) -> str:
 
 def span(value: float) -> str:
     """A duration, e.g. ``60 s``, ``4.5 s`` or ``25 min``."""
-    if not math.isfinite(value):
-        return "an unknown time"
     if value >= 5400.0:
         return f"{value / 3600.0:.1f} h"
     if value >= 600.0:
@@ -112,7 +108,7 @@ def finding_words(finding: FaultFinding, unit: Unit | None = None) -> FindingWor
     """One finding in words; severity 1 is told for the size of `unit`, of the thesis's where None."""
     title = candidates(finding)
     parts = [title[:1].upper() + title[1:], f"since {seconds(finding.onset_s)}"]
-    if finding.severity is not None and math.isfinite(finding.severity):
+    if finding.severity is not None:
         parts.append(f"severity {finding.severity:.2f}")
     parts.append(f"{percent(finding.confidence)} sure")
     scale = severity_one(finding.fault, unit)
@@ -220,8 +216,7 @@ def _leaning(diagnosis: Diagnosis) -> str:
 def likely(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     """Families of at least half a percent by the probability at the end of the log that each is there."""
     there = present(diagnosis.probabilities, diagnosis.faults)
-    finite = {k: p for k, p in there.items() if math.isfinite(p) and p >= 0.005}
-    return sorted(finite.items(), key=lambda item: -item[1])
+    return sorted(((k, p) for k, p in there.items() if p >= 0.005), key=lambda item: -item[1])
 
 
 def second_opinion_words(diagnosis: Diagnosis) -> str:
