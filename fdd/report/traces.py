@@ -29,11 +29,8 @@ KEPT_PER_BUCKET = 6
 
 
 def packed(values: NDArray[Any]) -> dict[str, str]:
-    """An array as plotly.js reads it compactly: base64 of single precision.
-
-    Six digits are more than a plot shows; the bits of single precision beyond them are 0 and pack well.
-    Times far from zero (epoch seconds) keep double precision.
-    """
+    """An array as plotly.js reads it compactly: base64 of single precision, whose seven digits are more than
+    a plot shows; of double where the values are far from zero beside what they span (epoch seconds)."""
     flat = np.ascontiguousarray(values, dtype=np.float64)
     finite = flat[np.isfinite(flat)]
     kind = "f4"
@@ -41,28 +38,7 @@ def packed(values: NDArray[Any]) -> dict[str, str]:
         reach, extent = float(np.abs(finite).max()), float(np.ptp(finite))
         if reach > 1e30 or (extent > 0.0 and reach > 200.0 * extent):
             kind = "f8"
-    raw = flat.astype(f"<{kind}")
-    if kind == "f4":
-        bits = raw.view("<u4")
-        bits += 4  # rounded, not cut
-        bits &= 0xFFFFFFF8
-    return {"dtype": kind, "bdata": base64.b64encode(raw.tobytes()).decode("ascii")}
-
-
-def on_grid(time: Column) -> Column:
-    """Times to a hundred-thousandth of what they span, which no plot shows: the bits below do not pack.
-
-    Examples
-    --------
-    >>> on_grid(np.array([0.0, 0.001, np.nan, 60.0])).tolist()
-    [0.0, 0.0009765625, nan, 60.0]
-    """
-    finite = time[np.isfinite(time)]
-    span = float(np.ptp(finite)) if finite.size else 0.0
-    if span <= 0.0:
-        return time
-    step = 2.0 ** (np.ceil(np.log2(span)) - 17.0)
-    return np.asarray(np.round(time / step) * step)
+    return {"dtype": kind, "bdata": base64.b64encode(flat.astype(f"<{kind}").tobytes()).decode("ascii")}
 
 
 def label(text: str) -> str:
@@ -93,9 +69,7 @@ def line(
     """A signal over time, decimated; breaks where values or samples are missing."""
     t, y = decimate(*break_at_gaps(time, values), buckets)
     style = {"color": colour, "width": width, "dash": dash, "shape": "linear"}
-    return scatter(
-        packed(on_grid(t)), packed(y), name, line=style, showlegend=legend, legendgroup=label(name)
-    )
+    return scatter(packed(t), packed(y), name, line=style, showlegend=legend, legendgroup=label(name))
 
 
 def band(time: Column, low: Column, high: Column, group: str, colour: str) -> Trace:
@@ -108,7 +82,7 @@ def band(time: Column, low: Column, high: Column, group: str, colour: str) -> Tr
         # There and back, then a break before the next polygon.
         xs += [t[start:stop], t[start:stop][::-1], gap]
         ys += [b[start:stop], a[start:stop][::-1], gap]
-    x, y = packed(on_grid(np.concatenate(xs))), packed(np.concatenate(ys))
+    x, y = packed(np.concatenate(xs)), packed(np.concatenate(ys))
     return {**outline(x, y, colour), "legendgroup": label(group)}
 
 
