@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import cached_property, lru_cache
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -241,19 +241,10 @@ def unit_of(log: Log | None, given: str | None) -> tuple[Unit, str | None]:
         where = f"{log.name}, unit profile in its metadata"
         if len(text) > MAX_UNIT_BYTES:
             raise InputError(f"larger than {MAX_UNIT_BYTES} bytes", where=where, mend="give --unit")
-        try:
-            return _parsed(text), None
-        except InputError as error:
-            raise InputError(error.problem, where=where, mend=error.mend) from None
+        return Unit.from_yaml(text, where), None
     taken = axis if axis in shipped_units() else DEFAULT_UNIT
     note = f"no unit profile given: taken for {taken} (give --unit, or make one with fdd identify)"
     return Unit.load(taken), note
-
-
-@lru_cache(maxsize=4)
-def _parsed(text: str) -> Unit:
-    """The logs of one rig carry the same profile."""
-    return Unit.from_yaml(text, where="")
 
 
 def quality_of(found: DataQuality, notes: tuple[str, ...] = ()) -> Quality:
