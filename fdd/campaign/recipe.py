@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from fdd.bounds import MAX_RECIPE_BYTES
 from fdd.campaign.population import Range, Share, Weight, within
 from fdd.campaign.structures import Condition, Structure
+from fdd.diagnosis.findings import is_none
 from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant import Validated
@@ -61,7 +62,7 @@ class FaultShare(Validated):
     weight: Weight = 1.0
     severity: Severities | None = None
     variants: tuple[str, ...] | None = None
-    laws: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=lambda laws: laws is None)] = None
+    laws: Annotated[tuple[str, ...] | None, Field(min_length=1, exclude_if=is_none)] = None
 
 
 class SensorVariation(Validated):
@@ -164,8 +165,8 @@ class Recipe(Validated):
     conditions: tuple[Condition, ...] = ()
     twins: Annotated[bool, Field(exclude_if=operator.not_)] = False
     format: Literal["parquet", "mcap"] = "parquet"
-    licence: Annotated[str | None, Field(max_length=200, exclude_if=_is_none)] = None
-    cite: Annotated[str | None, Field(max_length=2000, exclude_if=_is_none)] = None
+    licence: Annotated[str | None, Field(max_length=200, exclude_if=is_none)] = None
+    cite: Annotated[str | None, Field(max_length=2000, exclude_if=is_none)] = None
 
     @model_validator(mode="after")
     def _together(self) -> Recipe:
