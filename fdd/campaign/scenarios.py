@@ -32,7 +32,6 @@ ONE_WAY_S: dict[str, Callable[[dict[str, Any]], float]] = {
     "sines": lambda drawn: 1.0 / (np.pi * drawn["low_hz"]),
     "sweep": lambda drawn: 1.0 / (np.pi * 0.1),
     "sawtooth": lambda drawn: 0.25 * drawn["period"],
-    "one_way": lambda drawn: 0.5 * drawn["out"],  # the strokes run to both sides of the offset alike
     "prbs": lambda drawn: 4.0 * drawn["bit"],
 }
 """Duty to the seconds of full speed that it spends in one direction, in speed control; else as it holds."""
@@ -232,8 +231,6 @@ def _reachable(name: str, drawn: Mapping[str, Any], fastest: float, gain: float,
         return float(fastest / (2.0 * np.pi * np.sum(w * f) / np.sum(w)))
     if name == "sawtooth":
         return 0.5 * fastest * drawn["period"] * min(drawn["rise"], 1.0 - drawn["rise"])
-    if name == "one_way":
-        return 0.5 * fastest * min(drawn["out"], drawn["back"])
     if name in ("prbs", "sweep"):
         # The loop cannot follow; its command is about gain times the set-point.
         return 0.8 * max_speed / gain
@@ -244,7 +241,7 @@ def drawn_mission(
     recipe: Recipe, unit: Unit, rng: Rng, duration: float, gain: float, scale: Scale
 ) -> tuple[Mission, Control]:
     """A mission of the recipe's other duties, by position."""
-    weights = {n: w for n, w in recipe.duties.items() if n not in ("mission", "constant_speed", "one_way")}
+    weights = {n: w for n, w in recipe.duties.items() if n not in ("mission", "constant_speed")}
     weights = weights or {"steps": 1.0, "flight": 1.0, "resting": 1.0}
     stages: list[Duty] = []
     for _ in range(_count(rng, duration)):

@@ -61,8 +61,8 @@ def simulate(
     profile: Annotated[
         str | None,
         option(
-            "Duty: standstill, steps, sines, sweep, prbs, sawtooth, strokes, flight, constant_speed, one_way "
-            "or levels; with parameters as in steps:amplitude=0.03,hold=1 or levels:points=0:0.02/5:-0.02.",
+            "Duty: standstill, steps, sines, sweep, prbs, sawtooth, strokes, flight, constant_speed or "
+            "levels; with parameters as in steps:amplitude=0.03,hold=1 or levels:points=0:0.02/5:-0.02.",
             show_default="steps",
         ),
     ] = None,

@@ -215,48 +215,6 @@ class ConstantSpeed(Duty):
         return np.where(time >= 0.0, levels[which], 0.0)
 
 
-class OneWay(Duty):
-    """Strokes out at constant velocity, back slowly, with a rest at each end: one direction at a time.
-
-    In position control the stroke runs from -`amplitude` to `amplitude`, at constant velocity each way;
-    in speed control the quicker way is done at `speed`, the other at the speed that undoes it.
-    """
-
-    usual: ClassVar[Ranges] = {
-        "amplitude": (0.02, 0.11), "speed": (40.0, 250.0), "out": (0.8, 3.0), "back": (5.0, 15.0),
-        "dwell": (0.2, 1.0),
-    }  # fmt: skip
-    name: Literal["one_way"] = "one_way"
-    out: Seconds = 1.5
-    """s of the stroke out."""
-    back: Seconds = 10.0
-    """s of the way back."""
-    dwell: Annotated[float, Field(ge=0.0, le=60.0)] = 0.5
-    reverse: bool = False
-    """Strokes inwards instead."""
-
-    def shape(self, time: Array, rng: np.random.Generator) -> Array:
-        return np.asarray(np.interp(time, *self._corners(time)))
-
-    def setpoint(self, n: int, position: bool, rng: np.random.Generator) -> Array:
-        if position:
-            return super().setpoint(n, position, rng)
-        time = self.moving(n)
-        corners, levels = self._corners(time)
-        slopes = np.diff(levels) / np.maximum(np.diff(corners), 1e-9)
-        speeds = slopes / np.abs(slopes).max() * self.speed
-        speeds = speeds[np.searchsorted(corners, time, side="right") - 1]
-        return np.concatenate([np.zeros(n - time.size), speeds])
-
-    def _corners(self, time: Array) -> tuple[Array, Array]:
-        """Corners of the position's shape: slowly to where the strokes begin, then strokes."""
-        count = int((time.size + 1) * PERIOD / (self.out + self.back)) + 2
-        lengths = [0.5 * self.back, *([self.dwell, self.out, self.dwell, self.back] * count)]
-        levels = [0.0, -1.0, *([-1.0, 1.0, 1.0, -1.0] * count)]
-        sign = -1.0 if self.reverse else 1.0
-        return np.cumsum([0.0, *lengths]), sign * np.array(levels)
-
-
 class Levels(Duty):
     """Set-points as the user writes them: held, or linear in between.
 
@@ -370,12 +328,12 @@ def _held(time: Array, hold: float, rng: np.random.Generator, draw: Callable[[in
     return np.asarray(levels[np.searchsorted(edges, time, side="right").clip(max=count - 1)])
 
 
-AnyDuty = Annotated[Stage | ConstantSpeed | OneWay | Replay | Mission, Field(discriminator="name")]
+AnyDuty = Annotated[Stage | ConstantSpeed | Replay | Mission, Field(discriminator="name")]
 
 DUTIES: dict[str, type[Duty]] = {
     kind.model_fields["name"].default: kind
     for kind in (
-        Standstill, Steps, Sines, Sweep, Prbs, Sawtooth, Strokes, Flight, ConstantSpeed, OneWay, Levels,
-        Resting, Mission,
+        Standstill, Steps, Sines, Sweep, Prbs, Sawtooth, Strokes, Flight, ConstantSpeed, Levels, Resting,
+        Mission,
     )
 }  # fmt: skip

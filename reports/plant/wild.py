@@ -15,7 +15,7 @@ from fdd.errors import InputError
 from fdd.faults import CATALOGUE, PROFILES
 from fdd.plant import PERIOD
 from fdd.plant import state as s
-from fdd.plant.duty import DUTIES, Duty, Levels, OneWay
+from fdd.plant.duty import DUTIES, Duty, Levels
 from fdd.plant.faults import PLANT_FAULTS
 from fdd.plant.integrator import STEPS
 from fdd.plant.prepare import Prepared, prepare
@@ -72,9 +72,6 @@ def _scenario(
         times = np.cumsum(rng.uniform(0.1, 1.0, 5))
         points = [[float(t), float(rng.uniform(-most, most))] for t in times]
         duty = Levels(points=points, linear=bool(rng.random() < 0.5))
-    elif name == "one_way":
-        control = Control(mode=rng.choice(["position", "speed"]))
-        duty = OneWay(out=0.8, back=1.5, amplitude=float(rng.uniform(0.02, 0.09)), lead_in=0.2)
     else:
         gain = float(np.exp(rng.uniform(np.log(2e3), np.log(2.5e4))))
         duty, control = fitting_duty(name, unit, rng, {}, speed=bool(rng.random() < 0.4), gain=gain)

@@ -9,7 +9,7 @@ from scipy.signal import bilinear
 from fdd import Unit, simulate
 from fdd.plant import conditions as c
 from fdd.plant import programme
-from fdd.plant.duty import DUTIES, Levels, OneWay
+from fdd.plant.duty import DUTIES, Levels
 from fdd.plant.prepare import axis_conditions, chatter_filter, prepare
 from fdd.plant.rig import LOADS, Circuit, ExternalAccumulators, GustLoad, apply, check_charging
 from fdd.plant.scenario import Recording, Scenario
@@ -191,22 +191,6 @@ def test_the_chatter_filter_is_the_one_that_the_thesis_prints() -> None:
     assert printed > 1.005, "which eq. 7.5 as printed would not"
     tustin = bilinear([350.0**2], [1.0, np.sqrt(2.0) * 350.0, 350.0**2], fs=1e3)[0]
     assert tustin[0] > 0.02, "the rule that the text names has a term without delay; eq. 7.5 has none"
-
-
-@pytest.mark.parametrize("reverse", [False, True])
-@pytest.mark.parametrize("position", [False, True])
-def test_one_way_strokes_are_fast_one_way_and_slow_the_other(position, reverse) -> None:
-    duty = OneWay(amplitude=0.06, speed=120.0, out=1.5, back=9.0, dwell=0.5, lead_in=0.2, reverse=reverse)
-    setpoint = duty.setpoint(60_000, position, RNG) * (-1.0 if reverse else 1.0)
-    speed = np.diff(setpoint) / 1e-3 if position else setpoint
-    fast, slow = (0.12 / 1.5, -0.12 / 9.0) if position else (120.0, -120.0 * 1.5 / 9.0)
-    moving = speed[np.abs(speed) > 1e-6]
-    at_fast, at_slow = np.isclose(moving, fast, rtol=0.01), np.isclose(moving, slow, rtol=0.01)
-    # But for the milliseconds in which a position's corner falls.
-    assert np.mean(at_fast | at_slow) > 0.999
-    assert at_fast.sum() == pytest.approx(at_slow.sum() * 1.5 / 9.0, rel=0.2)
-    cycles = np.diff((speed > 0.5 * fast).astype(int)).clip(0).sum()
-    assert cycles == 5, "60 s hold five strokes of 11.5 s after 4.5 s to the start"
 
 
 def test_levels_are_held_from_their_time_on_or_joined_by_lines() -> None:
