@@ -175,7 +175,6 @@ def test_what_makes_no_sense_is_refused_and_nothing_is_taken() -> None:
         watch.restore(Observability(LIMITS).state())
     for name, value in before.items():
         np.testing.assert_array_equal(watch.state()[name], value)
-    assert repr(watch) == "Observability({'x': (0.1, 0.2)}, window=5.0)"
 
 
 # On the EHA
