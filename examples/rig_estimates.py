@@ -1,6 +1,7 @@
 """Track leakage and bulk modulus on a rig's logs and compare them with the rig's own truth.
 
     python examples/rig_estimates.py LOGS --rig rig1 --map examples/rig1.map.yaml --base axis_b
+    python examples/rig_estimates.py LOGS --rig rig7 --base examples/rig7.base.yaml
 
 LOGS holds ``labels.json``, ``trajectories.parquet`` (log, time, leakage, bulk_modulus_1, bulk_modulus_2, and
 leakage_excited, bulk_modulus_excited where a log excites them) and a folder per rig. The profile is
@@ -37,13 +38,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("logs", type=Path)
     parser.add_argument("--rig", required=True)
-    parser.add_argument("--map", type=Path, required=True)
+    parser.add_argument("--map", type=Path)
     parser.add_argument("--base", default="axis_a")
     options = parser.parse_args()
     labels = json.loads((options.logs / "labels.json").read_text(encoding="utf-8"))
     mine = {name: label for name, label in labels.items() if name.startswith(f"{options.rig}/")}
     truth = pd.read_parquet(options.logs / "trajectories.parquet")
-    channel_map = ChannelMap.load(options.map)
+    channel_map = None if options.map is None else ChannelMap.load(options.map)
     logs = {name: read_log(options.logs / name, channel_map).samples for name in mine}
     healthy = [logs[name] for name, label in mine.items() if label["baseline"]]
     unit = identify_unit(healthy, Unit.load(options.base), options.rig).unit
@@ -66,7 +67,7 @@ def compared(name: str, samples: Samples, unit: Unit, truth: pd.DataFrame) -> pd
     out = []
     at = truth.time.to_numpy()
     for method in METHODS:
-        tracking = Tracking(unit, channels_of(samples), 1e-3)
+        tracking = Tracking(unit, channels_of(samples), period_of(samples))
         records = tracking.trackers[method].push(tracking.block(samples))
         values, stds = estimates(records, unit, tracking.model)
         visible = observability(values, stds)
@@ -82,6 +83,11 @@ def compared(name: str, samples: Samples, unit: Unit, truth: pd.DataFrame) -> pd
         errors(name, "least squares", truth, leakage, moduli) | {"leakage_seen": seen, "bulk_seen": seen}
     )
     return pd.concat([pd.DataFrame({k: list(v) for k, v in part.items()}) for part in out])
+
+
+def period_of(samples: Samples) -> float:
+    """s between samples."""
+    return float(np.median(np.diff(samples.time)))
 
 
 def errors(name: str, method: str, truth: pd.DataFrame, leakage: Array, moduli: Array) -> dict[str, Any]:
@@ -100,13 +106,14 @@ def errors(name: str, method: str, truth: pd.DataFrame, leakage: Array, moduli: 
 
 def fitted(samples: Samples, unit: Unit, at: Array) -> tuple[Array, Array]:
     """Leakage and both chambers' moduli by least squares over the last eight seconds before each instant."""
-    tracking = Tracking(unit, channels_of(samples), 1e-3)
+    period = period_of(samples)
+    tracking = Tracking(unit, channels_of(samples), period)
     block, q = tracking.block(samples), tracking.model
     time = block[:, layout.TIME]
     angle = block[:, layout.ANGLE]
     if not np.isfinite(angle).any():  # counts of the encoder over each sample: they add up without error
-        steps = np.rint(np.diff(time, prepend=time[0] - 1e-3) / 1e-3)
-        angle = np.cumsum(np.nan_to_num(block[:, layout.SPEED]) * steps * 1e-3)
+        steps = np.rint(np.diff(time, prepend=time[0] - period) / period)
+        angle = np.cumsum(np.nan_to_num(block[:, layout.SPEED]) * steps * period)
     leakage, moduli = np.full(at.size, np.nan), np.full((at.size, 2), np.nan)
     for i, end in enumerate(at):
         rows = (time > end - WINDOW_S) & (time <= end) & np.isfinite(block[:, layout.PRESSURE_1])
