@@ -50,13 +50,7 @@ def timed(run: Callable[[], object]) -> float:
 def require_folder(out: Path, *, pictures: bool = False) -> None:
     """Refuse (`InputError`) before anything is measured what cannot be written or drawn after it."""
     require_writable(out, folder=True)
-    if pictures:
-        require_matplotlib()
-
-
-def require_matplotlib() -> None:
-    """Refuse where matplotlib, an extra of the package, is missing, and say what to install."""
-    if find_spec("matplotlib") is None:
+    if pictures and find_spec("matplotlib") is None:
         problem = "matplotlib, which draws the pictures, is not installed"
         raise InputError(problem, mend="install fdd[reports]")
 
@@ -110,7 +104,6 @@ class Panel:
 
 def draw(path: Path, panels: Sequence[Panel], *, columns: int = 1, height: float = 4.2) -> None:
     """Draw panels, row by row, as a PNG of 900 pixels width; all of a column have one x axis."""
-    require_matplotlib()
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

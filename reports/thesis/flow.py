@@ -229,14 +229,12 @@ class Coefficients(NamedTuple):
 
 def from_profile(unit: Unit, viscous: float) -> Coefficients:
     """Eq. 5.22 with the unit's numbers and friction `viscous` (N·s/m)."""
-    cylinder = unit.cylinder
-    area, mass, leakage = cylinder.area_1, cylinder.moving_mass, unit.pump.total_leakage
-    # Each side holds 2 V_o.
-    stiffness = unit.oil.bulk_modulus / (0.25 * (cylinder.volume_1 + cylinder.volume_2))
+    cylinder, leakage, area = unit.cylinder, unit.pump.total_leakage, unit.cylinder.area_1
+    stiffness = unit.oil.bulk_modulus / (0.25 * (cylinder.volume_1 + cylinder.volume_2))  # 2 V_o a side
     return Coefficients(
-        numerator=area * stiffness * unit.pump.displacement / mass,
-        damping=viscous / mass + leakage * stiffness,
-        stiffness=(area**2 + leakage * viscous) * stiffness / mass,
+        numerator=area * stiffness * unit.pump.displacement / cylinder.moving_mass,
+        damping=viscous / cylinder.moving_mass + leakage * stiffness,
+        stiffness=(area**2 + leakage * viscous) * stiffness / cylinder.moving_mass,
     )
 
 
@@ -251,8 +249,7 @@ def transfer_function(axis_a: Unit, axis_b: Unit, seed: int) -> rig.Figures:
     out = {}
     for name, unit in (("A", axis_a), ("B", axis_b)):
         free, damped = (from_profile(unit, b) for b in (0.0, VISCOUS))
-        in_plant = found_again(unit, 0.0, seed)
-        plant_damped = found_again(unit, VISCOUS, seed)
+        in_plant, plant_damped = (found_again(unit, b, seed) for b in (0.0, VISCOUS))
         out[name] = {
             "free": free,
             "plant": in_plant,
