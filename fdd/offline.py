@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fdd import logs
 from fdd.bounds import MAX_UNIT_BYTES
@@ -24,9 +23,6 @@ from fdd.logs import ChannelMap, DataQuality, Log, as_log
 from fdd.residuals.added_tracker import tracker_named
 from fdd.samples import Samples
 from fdd.unit import Unit, shipped_units
-
-if TYPE_CHECKING:
-    pass
 
 BLOCK_ROWS = 10_000
 DEFAULT_UNIT = "axis_a"

@@ -150,7 +150,8 @@ def _estimates(diagnosis: Diagnosis) -> Table:
     from fdd.report.tables import estimate_rows
 
     numbers = ("healthy", "estimated", "change")
-    table = grid(("at the end", *numbers, "unit"), numbers=numbers, whole=("at the end", "unit"))
+    heads, whole = ("at the end", *numbers, "unit"), ("at the end", "unit")
+    table = grid(heads, numbers=numbers, whole=whole, collapse_padding=True)
     for row in estimate_rows(diagnosis):
         style = "" if row["observable"] == "yes" else "dim"
         table.add_row(*(row[key] for key in ("quantity", "baseline", "value", "change", "unit")), style=style)

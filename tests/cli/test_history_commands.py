@@ -12,12 +12,14 @@ import pytest
 from jsonschema import Draft202012Validator
 from rich.console import Console
 
-from fdd.cli.console import print_sheet
+from fdd.cli.console import diagnosis_view, print_sheet
+from fdd.diagnosis.findings import Estimate
 from fdd.logs.mcap_writing import write_run
 from fdd.plant.scenario import Scenario
 from fdd.plant.simulate import simulate
 from fdd.report.page import Sheet, Table
 from fdd.unit import Unit
+from tests.made_up import answer
 
 UNIT = Unit.load("axis_a")
 GROWTH = 0.04 * 12e-12 / UNIT.pump.total_leakage
@@ -155,3 +157,13 @@ def test_no_number_is_cut_and_no_name_broken_however_narrow_the_terminal(width):
     print_sheet(Sheet("", "", "healthy", [], [table], []), Console(width=width, file=screen))
     for cell in (c for row in rows for k, c in enumerate(row) if k != 1):
         assert cell in screen.getvalue(), cell
+
+
+def test_estimates_are_whole_at_80_columns():
+    leakage = Estimate(unit="m^3/(s*Pa)", baseline=7.989e-13, value=8.93e-13, std=3.1e-14, observable=True)
+    modulus = Estimate(unit="Pa", baseline=9.29e8, value=3.21e8, std=6.99e11, observable=False)
+    screen = io.StringIO()
+    found = answer("healthy", estimates={"leakage": leakage, "bulk_modulus": modulus})
+    Console(width=80, file=screen).print(diagnosis_view(found))
+    shown = screen.getvalue()
+    assert "…" not in shown and "1e-12 m³/(s·Pa)" in shown and "Effective bulk modulus" in shown
