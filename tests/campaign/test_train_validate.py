@@ -128,7 +128,8 @@ def test_the_figures_of_made_up_outcomes() -> None:
     assert each == pytest.approx({"healthy": 2 / 4, "leakage": 6 / 7, "aeration": 4 / 7})
     assert mean == pytest.approx(np.mean(list(each.values())))
     text = figures(outcomes)
-    hidden = [replace(o, entry=o.entry.model_copy(update={"visible": k != 3})) for k, o in enumerate(outcomes)]
+    hidden = [*outcomes]
+    hidden[3] = replace(hidden[3], entry=hidden[3].entry.model_copy(update={"visible": False}))
     less, _ = macro_f1([*outcomes[:3], *outcomes[4:]])
     assert f"({less:.2f} of the 7 healthy and visible)" in figures(hidden) and "visible" not in text
     assert "faulty logs found: 0.67 (0.30 to 0.90) of 6" in text
