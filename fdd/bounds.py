@@ -24,13 +24,7 @@ def limit(name: str) -> int:
 
 
 def raised(name: str, needed: int) -> str:
-    """How an error line tells that a bound can be raised.
-
-    Examples
-    --------
-    >>> raised("MAX_VALUES", 2_000_000_000)
-    'or, where memory allows, set FDD_MAX_VALUES=2000000000'
-    """
+    """How an error line tells that a bound can be raised."""
     return f"or, where memory allows, set FDD_{name}={needed}"
 
 

@@ -41,23 +41,14 @@ def map_unordered(
 ) -> Iterator[tuple[int, Result]]:  # fmt: skip
     """Work jobs, and give each one's number and result as they come.
 
-    Parameters
-    ----------
-    function, jobs : pickled where they leave this process: a function of a module, or a `partial` of one.
-    engine : ``local``, or ``ray``: on the cluster that RAY_ADDRESS names, or one begun here and ended with
-        the work. All its machines need fdd, and the files, under the same paths.
-    workers : jobs at a time; one for each core (of the cluster) else. One local worker is this process.
-    begin : called first in each process that the local engine begins.
+    `function` and `jobs` are pickled where they leave this process: a function of a module, or a `partial` of
+    one. The engine ``ray`` works on the cluster that RAY_ADDRESS names, or one begun here and ended with the
+    work; all its machines need fdd, and the files, under the same paths. `workers`: jobs at a time; one for
+    each core (of the cluster) else; one local worker is this process. `begin`: called first in each process
+    that the local engine begins.
 
-    Raises
-    ------
-    WorkerLost : a process ended. What `function` raises is raised here, and the jobs left are dropped.
-    InputError : Ray is not installed, or there is no cluster at RAY_ADDRESS.
-
-    Examples
-    --------
-    >>> sorted(map_unordered(len, ["a", "bcd"], workers=1))
-    [(0, 1), (1, 3)]
+    What `function` raises is raised here, and the jobs left are dropped. Raises WorkerLost: a process ended;
+    InputError: Ray is not installed, or there is no cluster at RAY_ADDRESS.
     """
     if engine == "ray":
         return _over_ray(_ray_package(), function, jobs, workers)

@@ -20,11 +20,6 @@ class InputError(ValueError):
     what the user can do to `mend` it.
 
     The commands print it on standard error and exit with status 2; callers catch it as a ``ValueError``.
-
-    Examples
-    --------
-    >>> str(InputError("no message on topic /daq", where="a.mcap", mend="give --map"))
-    'a.mcap: no message on topic /daq; give --map'
     """
 
     def __init__(self, problem: str, *, where: str | Path | None = None, mend: str | None = None) -> None:
@@ -47,13 +42,7 @@ def _shortened(text: str) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """``" (did you mean 'x'?)"``, or nothing where no known name is near.
-
-    Examples
-    --------
-    >>> did_you_mean("positon", ["position", "time"])
-    " (did you mean 'position'?)"
-    """
+    """``" (did you mean 'x'?)"``, or nothing where no known name is near."""
     names = list(known)
     by_folded = {n.casefold(): n for n in names}
     near = difflib.get_close_matches(name.casefold(), by_folded, n=1, cutoff=0.6)
@@ -69,11 +58,7 @@ def listed(names: Iterable[str]) -> str:
 
 def input_error(error: ValidationError, where: str | Path, mend: str | None) -> InputError:
     """The first thing that pydantic finds wrong; an unknown key goes before the one that is missing for it.
-
-    Parameters
-    ----------
-    where : the file. mend : what helps, where the error itself does not say.
-    """
+    `where` is the file, `mend` what helps, where the error itself does not say."""
     found = error.errors(include_url=False)
     first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])
     place, cause = [str(part) for part in first["loc"]], first.get("ctx", {}).get("error")

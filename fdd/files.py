@@ -17,11 +17,7 @@ _NAME_KEPT = 50
 
 def require_writable(path: Path, *, folder: bool = False) -> None:
     """Refuse an output before minutes are spent on it: a file, or a folder, which may be there already.
-
-    Raises
-    ------
-    InputError : names what is in the way.
-    """
+    The InputError names what is in the way."""
     with written(path):
         if folder and path.exists() and not path.is_dir():
             raise InputError("is a file, a folder is wanted", where=path, mend="name another one")
@@ -56,10 +52,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
     When the block ends, the file is on the disk and renamed; when it fails, the file is removed and `path` is
     as it was before. Each call has a file of its own, so that of writers at the same time the last one wins.
-
-    Raises
-    ------
-    InputError : the folder is missing or not writable, the disk is full, `path` is no file.
+    An InputError where the folder is missing or not writable, the disk is full, or `path` is no file.
     """
     path = Path(path)
     require_writable(path)

@@ -151,16 +151,7 @@ def _registry() -> Any:
 
 def measure(name: str, dimension: str | None = None) -> Measure:
     """Look a unit of measure up, as written in a profile or a map; dimension None accepts any of `MEASURES`.
-
-    Raises
-    ------
-    InputError : unknown name, or one that measures something else.
-
-    Examples
-    --------
-    >>> measure("bar", "pressure").factor
-    100000.0
-    """
+    An InputError where it is unknown, or measures something else."""
     known = MEASURES.get(name.strip())
     if known is not None and dimension in (None, known.dimension):
         return known

@@ -46,13 +46,7 @@ PRESSURES = ("pressure_difference", "pressure_1", "pressure_2", "pressure_accumu
 
 
 def missing_required(channels: Collection[str]) -> list[str]:
-    """Groups of channels that a diagnosis cannot do without and that are absent.
-
-    Examples
-    --------
-    >>> missing_required(["position", "pump_speed"])
-    ['pressure_difference (or pressure_1 and pressure_2)']
-    """
+    """Groups of channels that a diagnosis cannot do without and that are absent."""
     there, both = set(channels), {"pressure_1", "pressure_2"}
     groups = {
         "position": "position" in there,

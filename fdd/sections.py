@@ -164,12 +164,6 @@ class CurrentLoop(Section):
     """A 4 to 20 mA transmitter over a resistor into a converter (thesis A.1.1, eqs A.1 to A.4).
 
     `low` and `high` are what it measures at 4 and 20 mA, in the channel's SI unit; all else follows.
-
-    Examples
-    --------
-    >>> loop = CurrentLoop(low=0.0, high=6.895e6, resistance=499.0)
-    >>> f"{loop.sensitivity:.4g} {loop.offset:.4g} {loop.resolution:.4g}"
-    '8.636e+05 1.724e+06 263.6'
     """
 
     low: float

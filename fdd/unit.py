@@ -179,13 +179,11 @@ class Estimation(Section):
 class BalanceBaseline(Section):
     """One balance on this unit's healthy logs.
 
-    Attributes
-    ----------
-    columns, mean, covariance : of its coefficients. noise : std of a row.
-    information : of all frames. scatter : sum of squares of the scores of stretches of 2 s, which the
-    information would equal if all errors were independent; empty in older profiles.
-    moderation : this unit's log-to-log variances over the population's; empty for the same.
-    hops : how many frames told something. hop_noise : what older versions wrote, and nothing reads.
+    `columns`, `mean`, `covariance`: of its coefficients. `noise`: std of a row. `information`: of all frames.
+    `scatter`: sum of squares of the scores of stretches of 2 s, which the information would equal if all
+    errors were independent; empty in older profiles. `moderation`: this unit's log-to-log variances over the
+    population's; empty for the same. `hops`: how many frames told something. `hop_noise`: what older versions
+    wrote, and nothing reads.
     """
 
     columns: Annotated[list[str], Field(min_length=1, max_length=64)]
@@ -231,12 +229,9 @@ class Baseline(Section):
 class Origin(Section):
     """What an identified profile was made from, and what was said of it.
 
-    Attributes
-    ----------
-    base, base_sha256 : profile that was started from: its name and what it said.
-    date : ISO 8601, of the making. fdd : version. map_sha256 : of the channel map.
-    logs : SHA-256 of each healthy log's file to its name.
-    limits : what a user must know. accepted : why it would have been refused, had nobody accepted it.
+    `base`, `base_sha256`: profile that was started from: its name and what it said. `date`: ISO 8601. `logs`:
+    SHA-256 of each healthy log's file to its name. `limits`: what a user must know. `accepted`: why it would
+    have been refused, had nobody accepted it.
     """
 
     base: str
@@ -250,11 +245,7 @@ class Origin(Section):
 
 
 class Unit(BaseModel):
-    """Profile of one actuator.
-
-    Raises
-    ------
-    InputError : from `load`, naming file, field and what is allowed.
+    """Profile of one actuator. `load` raises an InputError that names file, field and what is allowed.
 
     Examples
     --------

@@ -42,23 +42,11 @@ def yaml_mapping(
 ) -> dict[str, Any]:
     """Parse YAML text that is one mapping; keys are text as written.
 
-    Parameters
-    ----------
-    where, kind : for errors: the file, and what it should be.
-    mend : what a right one looks like; where None, its first line with the schema.
-    schema : what its key ``schema`` must be; None takes any.
+    `where`, `kind`: for errors, the file and what it should be. `mend`: what a right one looks like; where
+    None, its first line with the schema. `schema`: what its key ``schema`` must be; None takes any.
 
-    Raises
-    ------
-    InputError : names the line where it is not YAML, or has aliases, merges, tags, a key twice, too many
-        nodes or levels; not a mapping; another schema.
-
-    Examples
-    --------
-    >>> yaml_mapping("a: &x [1, 2]\\nb: *x", "map.yaml", "channel map")
-    Traceback (most recent call last):
-    ...
-    fdd.errors.InputError: map.yaml: line 2: not plain YAML (alias *x: write the value out)
+    Raises InputError: names the line where it is not YAML, or has aliases, merges, tags, a key twice, too
+    many nodes or levels; not a mapping; another schema.
     """
     try:
         _check_bounds(text)

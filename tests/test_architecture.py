@@ -156,7 +156,7 @@ def test_examples_are_found_in_compiled_and_in_plain_functions() -> None:
         return {t.name for t in finder.find(importlib.import_module(name)) if t.examples}
 
     assert "estimators.kernels.kalman_update_correlated" in examples("estimators.kernels")
-    assert "fdd.measures.measure" in examples("fdd.measures")
+    assert "fdd.measures.find_measure" in examples("fdd.measures")
 
 
 BOUNDS = {name: value for name, value in vars(bounds).items() if name.isupper() and name != "RAISABLE"}
