@@ -94,16 +94,8 @@ class CsvLayout(BaseModel):
 
 
 class ChannelMap(BaseModel):
-    """A whole map: sources by channel, and how a CSV file is laid out.
-
-    Raises InputError: from `load` and `from_yaml`: names the file, the channel and what is allowed.
-
-    Examples
-    --------
-    >>> m = ChannelMap.from_yaml("position: {topic: /daq, field: cyl.pos, unit: mm}")
-    >>> m.channels["position"].measure_of("position").factor
-    0.001
-    """
+    """A whole map: sources by channel, and how a CSV file is laid out. `load` and `from_yaml` raise an
+    InputError that names the file, the channel and what is allowed."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -183,11 +175,8 @@ def _gathered(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def to_si(channel: str, source: ChannelSource, raw: Column, direction: Column | None = None) -> Column:
-    """One channel in its SI unit, (n,): unwrap, give direction, scale, convert.
-
-    `source`: the map's entry. `raw`, `direction`: (n,) numbers as they stand in the log, and those of the
-    column named by ``sign_of``.
-    """
+    """One channel in its SI unit, (n,): unwrap, give direction, scale, convert. `raw`, `direction`: (n,)
+    numbers as they stand in the log, and those of the column named by ``sign_of``."""
     unit = source.measure_of(channel)
     values = raw if source.wrap is None else unwrap_counts(raw, source.wrap)
     if direction is not None:
@@ -227,13 +216,9 @@ def directed(raw: Column, direction: Column, *, accumulate: bool) -> Column:
 def accumulate_speed(time: Column, speed: Column, period: float) -> Column:
     """Angle from speed samples, each of which stands for one nominal period.
 
-    Where the speed is a count difference over the nominal period, this gives the counts back exactly.
+    Where the speed is a count difference over the nominal period (s), this gives the counts back exactly.
     Missing rows and NaN are bridged by the mean of their neighbours times the periods missed, up to
-    `LONGEST_BRIDGE`.
-
-    `time`: (n,) s, increasing. `speed`: (n,) rad/s, NaN where missing. `period`: s.
-
-    Returns (n,) rad, 0 at the first row that has a speed; NaN where the speed is NaN.
+    `LONGEST_BRIDGE`. Of (n,) s and rad/s it gives (n,) rad, 0 at the first row that has a speed; NaN stays.
     """
     angle = np.full(time.size, np.nan)
     there = np.flatnonzero(np.isfinite(speed))

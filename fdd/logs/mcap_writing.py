@@ -41,10 +41,8 @@ _WARNING, _ERROR = 3, 4
 
 @dataclass(frozen=True)
 class RunBlock:
-    """A stretch of one axis's run: what was measured, perhaps no rows, and the axis.
-
-    `truth`: true quantities by name, ``time`` (m,) s and columns (m,); without a ``time`` on the samples'.
-    """
+    """A stretch of one axis's run: what was measured, perhaps no rows, and true quantities by name, ``time``
+    (m,) s and columns (m,); without a ``time`` on the samples'."""
 
     samples: Samples
     truth: Mapping[str, ArrayLike] | None
@@ -247,11 +245,8 @@ def _messages(
 
 
 def _layout(fields: Mapping[str, bool], type_: Any, title: str) -> tuple[bytes, list[tuple[str, str, int]]]:
-    """Declare fields; of messages of one length one of zeros, and name, format and offset of each value.
-
-    Each field is always there: an ``optional double``, or an ``optional bool`` (True); ``ekf.leakage`` is the
-    field leakage of the nested message ekf.
-    """
+    """Declare fields, an ``optional double`` or ``optional bool`` (True) each, ``ekf.leakage`` in the nested
+    message ekf; a message of zeros, and name, format and offset of each value in it."""
     groups: dict[str, dict[str, bool]] = {}
     for path, boolean in fields.items():
         name, _, rest = path.partition(".")

@@ -34,11 +34,8 @@ def increasing_time(
 ) -> tuple[Column, NDArray[np.intp], list[str]]:
     """Strictly increasing stamps of the log's longest part.
 
-    Rows of one packet are spread, repeats dropped, late stamps put between their neighbours.
-
-    `time`: (n,) s, as read. `place`: how a user finds a row in the log.
-
-    Returns (m,) s, strictly increasing; (m,) rows kept; notes of what was done.
+    Rows of one packet are spread, repeats dropped, late stamps put between their neighbours. Of (n,) s as
+    read it gives (m,) s, (m,) rows kept, and notes; `place` is how a user finds a row in the log.
 
     Raises InputError: time runs backwards for more than a few late stamps, or is missing everywhere.
     """
@@ -112,11 +109,6 @@ def sample_numbers(time: Column, period: float) -> NDArray[np.int64]:
 
     They increase strictly. A stamp that came late makes a long step and then a short one; the row keeps its
     own number.
-
-    Examples
-    --------
-    >>> sample_numbers(np.array([0.0, 1.0, 2.9, 3.0, 5.0]), 1.0).tolist()
-    [0, 1, 2, 3, 5]
     """
     return np.asarray(grid_numbers(time, period)) if time.size else np.empty(0, dtype=np.int64)
 
@@ -179,9 +171,8 @@ def count_missing(columns: Mapping[str, Column], quality: DataQuality) -> None:
 def check_magnitudes(columns: Mapping[str, Column], units: Mapping[str, str] | None = None) -> None:
     """Refuse quantities (`columns`, in SI) whose size tells that their unit of measure is another one.
 
-    `units`: what the map or the file gives a channel in; SI where it says nothing.
-
-    Raises InputError: names the channel, the largest value as it was written, and the likely unit.
+    `units`: what the map or the file gives a channel in; SI where it says nothing. The InputError names the
+    channel, the largest value as it was written, and the likely unit.
     """
     said = units or {}
 

@@ -33,9 +33,7 @@ def aligned(at: Column, stamps: Column, values: Column) -> Column:
     """A series, (m,) stamps (s) and values, at the rows of another time base, `at`, (n,) s, increasing.
 
     Each measurement of a slower series goes to the row nearest to it, moved there along the line to its
-    neighbour; the rows between have none. A faster series is averaged over the rows' periods.
-
-    Returns (n,) values, NaN where no measurement belongs to the row.
+    neighbour; the rows between have NaN. A faster series is averaged over the rows' periods.
 
     Examples
     --------
@@ -79,17 +77,8 @@ def own_measurements(time: Column, values: Column, period: float) -> tuple[Colum
     What is held changes only at a rhythm of two rows or more, throughout the log; what is interpolated bends
     only at such a rhythm. Noise changes and bends at any row, and what moves slowly at no fixed rhythm.
 
-    `time`: (n,) s. `values`: (n,); NaN where one is missing. `period`: s, of the rows.
-
-    Returns (n,) measurements with NaN between, and their period in s; None where the values are all its own.
-
-    Examples
-    --------
-    >>> time, rng = 0.001 * np.arange(1000), np.random.default_rng(1)
-    >>> held = own_measurements(time, np.repeat(rng.normal(size=200), 5), 0.001)
-    >>> between = own_measurements(time, np.interp(time, time[::2], rng.normal(size=500)), 0.001)
-    >>> [int(np.isfinite(found[0]).sum()) for found in (held, between)]
-    [200, 501]
+    Of (n,) s and values, `period` s a row, it gives (n,) measurements with NaN between, and their period in
+    s; None where the values are all its own.
     """
     there = np.isfinite(values)
     if np.count_nonzero(there) < 2 * LEAST_CHANGES:
@@ -141,9 +130,8 @@ def on_common_rows(
     """Rows of the slowest of some channels, where they are seldom measured in the same rows.
 
     Else those in which any was measured, where these are few; else None. Two slow channels that take turns
-    never meet: the others are read `between` their measurements.
-
-    `time`: (n,) s. `columns`: (n,) each; NaN where not measured. `needed`: channels that have to meet.
+    never meet: the others are read `between` their measurements. `needed`: channels that have to meet;
+    `columns`: (n,) each, NaN where not measured.
     """
     if time.size < LEAST_CHANGES:
         return None
@@ -172,15 +160,7 @@ def between(time: Column, values: Column, rows: NDArray[np.intp]) -> Column:
 
 
 def own_period(time: Column, values: Column, period: float) -> float | None:
-    """The period at which a channel has values, where it is a slow one between faster ones; s.
-
-    `time`: (n,) s. `values`: (n,); NaN where one is missing. `period`: s, of the rows.
-
-    Examples
-    --------
-    >>> own_period(np.arange(60.0), np.tile([1.0, np.nan], 30), 1.0)
-    2.0
-    """
+    """The period (s) at which a channel has values, where it is a slow one between rows of `period` s."""
     known = np.isfinite(values)
     if values.size < LEAST_CHANGES or not 2 <= np.count_nonzero(known) <= _SLOWER * values.size:
         return None

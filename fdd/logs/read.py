@@ -230,19 +230,8 @@ def _on_one_time_base(file: LogFile, feeds: dict[str, Feed]) -> tuple[Column, di
 
 
 def as_log(samples: Samples, axis: str | None = None, *, shortest: float = 2.0) -> Log:
-    """Samples at hand as `read_log` would give them from a file.
-
-    `axis`: what the answer calls it. `shortest`: s; a shorter log is refused.
-
-    Raises InputError: too short, a channel missing, or of a size that tells another unit of measure.
-
-    Examples
-    --------
-    >>> t = np.arange(0.0, 5.0, 1e-3)
-    >>> log = as_log(Samples(t, {"position": 1e-3 * t, "pump_speed": 0 * t, "pressure_difference": 1e5 + t}))
-    >>> log.samples.channels, log.quality.period
-    (('position', 'pump_speed', 'pressure_difference', 'pump_angle'), 0.001)
-    """
+    """Samples at hand as `read_log` would give them from a file; `axis` is what the answer calls it. An
+    InputError where they are shorter than `shortest` s, lack a channel, or seem to be in another unit."""
     made, quality = _judged(samples.time, samples.columns, {}, {}, shortest)
     return Log(made, quality, "samples", axis)
 

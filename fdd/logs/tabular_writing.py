@@ -25,13 +25,7 @@ GROUP_ROWS = 100_000
 
 
 def axis_file(path: str | Path, axis: str, axes: Sequence[str]) -> Path:
-    """Where an axis of a run goes: `path` itself if it is the only one, else ``<stem>.<axis>.<suffix>``.
-
-    Examples
-    --------
-    >>> axis_file("run.csv", "axis_b", ["axis_a", "axis_b"]).name
-    'run.axis_b.csv'
-    """
+    """Where an axis of a run goes: `path` itself if it is the only one, else ``<stem>.<axis>.<suffix>``."""
     path = Path(path)
     require_axis(axis)
     return path if len(axes) == 1 else path.with_name(f"{path.stem}.{axis}{path.suffix}")
@@ -41,9 +35,8 @@ def write_tables(path: str | Path, blocks: Iterable[RunBlock], *, axes: Sequence
     """Write the measurements of a run, a file for each axis (`axis_file`), csv or parquet; gives the files.
 
     `blocks`: in time order for each axis; no more than one is held. The files appear once all are whole. A
-    missing value is null in Parquet (zstd), an empty cell in CSV.
-
-    Raises InputError: a file cannot be written, or the columns change from block to block.
+    missing value is null in Parquet (zstd), an empty cell in CSV. An InputError where a file cannot be
+    written, or the columns change from block to block.
     """
     paths = {axis: axis_file(path, axis, axes) for axis in axes}
     parquet = Path(path).suffix.lower() == ".parquet"

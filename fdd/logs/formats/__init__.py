@@ -45,14 +45,10 @@ class Signal:
 class LogFile(ABC):
     """A file of signals, opened: what it holds is known, the numbers are read when they are asked for.
 
-    Attributes
-    ----------
-    signals : by name, in the order of the file.
-    notes : what was odd, one line each.
-    start_ns : ns since 1970, of t = 0 of its clocks; 0 where the file has no date.
-    metadata : record name to key-value pairs (MCAP).
-    truncated : whether the file ends before its data does.
-    doubled : names that stand twice; nobody can say which is meant.
+    `signals`: by name, in the order of the file. `notes`: what was odd, one line each. `start_ns`: ns since
+    1970, of t = 0 of its clocks; 0 where the file has no date. `metadata`: record name to key-value pairs
+    (MCAP). `truncated`: whether the file ends before its data does. `doubled`: names that stand twice; nobody
+    can say which is meant.
     """
 
     path: Path
@@ -214,10 +210,8 @@ def suffixes() -> tuple[str, ...]:
 
 
 def open_log(path: str | Path, layout: CsvLayout | None = None) -> LogFile:
-    """Open a log of any format; `layout` tells how a CSV file is written, where that is known.
-
-    Raises InputError: one line: no such file, damaged, of no known format, or what it needs is not installed.
-    """
+    """Open a log of any format; `layout` tells how a CSV file is written, where that is known. An InputError
+    where there is no such file, it is damaged or of no known format, or what it needs is not installed."""
     path = Path(path)
     with told_with(path):
         found = format_of(path)
@@ -275,13 +269,11 @@ def _by_package(package: str, path: Path) -> Iterator[None]:
 
 
 def _checked(path: Path, package: str, opener: Callable[[Path], LogFile]) -> LogFile:
-    """The file that a package's `opener` gives, of which every answer is checked.
+    """The file that a package's `opener` gives, of which every answer is checked: what reads its columns
+    relies on numbers, of one length for each clock and within the bounds (`fdd.bounds`).
 
-    A package's code can do anything; what reads its columns relies on numbers, of one length for each clock
-    and within the bounds (`fdd.bounds`).
-
-    Raises InputError: from here and from its methods: whatever the package's code raises, and answers that
-    nothing can be made of.
+    Raises InputError, as its methods do: whatever the package's code raises, and answers that nothing can be
+    made of.
     """
     guarded, rows = _by_package(package, path), dict[str, int]()
 

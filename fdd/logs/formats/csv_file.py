@@ -151,10 +151,8 @@ class CsvFile(LogFile):
 
 
 def open_csv(path: Path, layout: CsvLayout | None = None) -> CsvFile:
-    """Detect encoding, separator, decimal mark, title lines, names and units of a CSV file.
-
-    Raises InputError: binary content, no header row, or too many columns.
-    """
+    """Detect encoding, separator, decimal mark, title lines, names and units of a CSV file. An InputError
+    where its content is binary, it has no header row, or too many columns."""
     found, encoding, packed = layout_of(path, layout or CsvLayout())
     names = [n or f"column {k + 1}" for k, n in enumerate(found.names)]
     if names and not found.names[-1] and not found.first_row[-1]:

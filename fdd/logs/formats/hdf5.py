@@ -21,13 +21,8 @@ _NUMBERS = "fiub"
 
 
 def open_hdf5(path: Path) -> TreeFile:
-    """Signals of an HDF5 file: the dataset ``/daq/fast/p_1`` is ``daq/fast/p_1``.
-
-    Vectors, columns of matrices and members of compound types are signals. Links to other files are not
-    followed.
-
-    Raises InputError: damaged, or without arrays.
-    """
+    """Signals of an HDF5 file: vectors, columns of matrices and members of compound types; the dataset
+    ``/daq/fast/p_1`` is ``daq/fast/p_1``. An InputError where it is damaged, or without arrays."""
     check_hdf5(path)
     nodes: dict[str, Any] = {}
 

@@ -284,10 +284,8 @@ class _Rows:
 
 
 def open_mcap(path: Path) -> McapFile:
-    """Topics and fields of an MCAP file, which may end early. Raises InputError: no MCAP file.
-
-    The walk ends where all channels of the file's summary have shown a message.
-    """
+    """Topics and fields of an MCAP file, which may end early; the walk ends where all channels of the file's
+    summary have shown a message. Raises InputError: no MCAP file."""
     from mcap.reader import SeekingReader
 
     log, walk = McapFile(path), ChunkWalk(path)
@@ -340,13 +338,7 @@ def _offered(
 
 
 def written(path: Sequence[str | int]) -> str:
-    """A path as a channel map writes it.
-
-    Examples
-    --------
-    >>> written(("joint", "position", 2)), written((0, "x"))
-    ('joint.position[2]', '[0].x')
-    """
+    """A path as a channel map writes it."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else part)

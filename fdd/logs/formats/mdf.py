@@ -34,10 +34,8 @@ mdf_v3.MDF3.__del__ = mdf_v4.MDF4.__del__ = _close
 
 
 def open_mdf(path: Path) -> TreeFile:
-    """Signals of an MDF file; where two channels have one name, the group's number stands before it.
-
-    Raises InputError: damaged, or without channels of numbers. ImportError: asammdf is not installed.
-    """
+    """Signals of an MDF file; where two channels have one name, the group's number stands before it. An
+    InputError where it is damaged, or without channels of numbers."""
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # it tells of each oddity on standard error
     groups: dict[str, Group] = {}
     with readable("damaged MDF file", path):

@@ -36,10 +36,8 @@ DAY_S = 86_400.0
 
 
 def layout_of(path: Path, given: CsvLayout) -> tuple[Layout, str, bool]:
-    """A file's layout as far as it is not given, its encoding, and whether it is packed by gzip.
-
-    Raises InputError: no text, or no rows of numbers below a header.
-    """
+    """A file's layout as far as it is not given, its encoding, and whether it is packed by gzip. An
+    InputError where it is no text, or has no rows of numbers below a header."""
     with path.open("rb") as source:
         head = source.read(SNIFFED_BYTES + 1)
     packed = head.startswith(b"\x1f\x8b")
@@ -95,13 +93,7 @@ class Layout:
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with whatever marks, or says that one is missing.
-
-    Examples
-    --------
-    >>> [is_number(c) for c in ("1.234,5", "-3e-4", "", "NaN", "Druck", "1/min")]
-    [True, True, True, True, False, False]
-    """
+    """Whether a cell is a number, with whatever marks, or says that one is missing."""
     bare = cell.strip()
     return bare in MISSING or _NUMBER.fullmatch(bare) is not None
 
@@ -120,15 +112,7 @@ def find_layout(
     lines: Sequence[str], separator: str | None = None, decimal: str | None = None, skip: int = 0
 ) -> Layout | None:
     """The layout of a text file by its first lines; None where no row of numbers stands below a row of names.
-
-    `separator`, `decimal`: where they are known. `skip`: lines that are no part of the table.
-
-    Examples
-    --------
-    >>> found = find_layout(["Bench 3", "t;Druck A", "s;bar", "0,0;1,5", "0,1;1,6"])
-    >>> found.names, found.units, found.decimal, found.first_line
-    (['t', 'Druck A'], ['s', 'bar'], ',', 3)
-    """
+    The first `skip` lines are no part of the table."""
     if separator is None:
         for k, line in enumerate(lines[skip : skip + 3], skip + 1):
             if (declared := _SEP_LINE.match(line.strip())) is not None:
@@ -146,15 +130,8 @@ def find_layout(
 
 
 def find_table(rows: Sequence[Sequence[str]], start: int = 0) -> tuple[list[str], list[str], int] | None:
-    """Names, units and the index of the first row of numbers of a sheet of cells.
-
-    An empty row is a line without cells; rows before `start` are no part of the table.
-
-    Examples
-    --------
-    >>> find_table([["t", "p [bar]"], ["0", "1"], ["1", "2"]])
-    (['t', 'p [bar]'], ['', ''], 1)
-    """
+    """Names, units and the index of the first row of numbers of a sheet of cells. An empty row is a line
+    without cells; rows before `start` are no part of the table."""
     for k in range(start, len(rows)):
         if _is_data(rows[k]):
             above = [i for i in range(start, k) if rows[i]]
@@ -220,13 +197,7 @@ def _decimal_of(cells: Sequence[str], separator: str) -> str:
 
 
 def stamp_kind(cell: str) -> str:
-    """Whether a cell is a ``day``, a ``clock`` time, ``both``, or (empty) no stamp.
-
-    Examples
-    --------
-    >>> [stamp_kind(c) for c in ("04.03.2026 10:15", "10:15:02,5", "2026-03-04", "1.5", "")]
-    ['both', 'clock', 'day', '', '']
-    """
+    """Whether a cell is a ``day``, a ``clock`` time, ``both``, or (empty) no stamp."""
     found = _STAMP.fullmatch(cell.strip())
     if found is None or not (found["a"] or found["clock"]):
         return ""
@@ -234,12 +205,10 @@ def stamp_kind(cell: str) -> str:
 
 
 def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[str]]:
-    """Stamps that are written alike, as seconds since the first.
+    """Stamps that are written alike (the first tells how), as seconds since the first.
 
-    `texts`: (n,), None where one is missing. The first tells how all are written.
-
-    Returns (n,) s, NaN where a stamp is missing or written otherwise; ns since 1970 of the first (0 without a
-    date); notes.
+    Gives (n,) s, NaN where a stamp is missing (None) or written otherwise; ns since 1970 of the first (0
+    without a date); notes.
 
     Examples
     --------
@@ -292,13 +261,7 @@ def stamps_to_seconds(texts: Sequence[str | None]) -> tuple[Column, int, list[st
 
 
 def seconds_since(stamps: NDArray[np.datetime64]) -> tuple[Column, int]:
-    """Seconds since the first of (n,) stamps (NaN of NaT), and that stamp in ns since 1970 (0 without one).
-
-    Examples
-    --------
-    >>> seconds_since(np.array(["1970-01-01T00:00:01.5", "1970-01-01T00:00:02"], "datetime64[ns]"))
-    (array([0. , 0.5]), 1500000000)
-    """
+    """Seconds since the first of (n,) stamps (NaN of NaT), and that one in ns since 1970 (0 without one)."""
     counted = stamps.astype("datetime64[ns]", copy=False).view(np.int64)
     missing = np.isnat(stamps)
     if missing.all():

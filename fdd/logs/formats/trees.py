@@ -114,9 +114,8 @@ def grows(values: Column) -> bool:
 
 
 def time_unit(name: str, unit: str | None, step: float) -> str:
-    """The unit of a time: the file's, the one in its name, or one by which its step is that of a log.
-
-    A log is not slower than 50 Hz. `step`: usual one between rows, in that unit.
+    """The unit of a time: the file's, the one in its name, or one by which its usual step is that of a log,
+    which is not slower than 50 Hz.
 
     Examples
     --------
@@ -197,10 +196,8 @@ class TreeFile(LogFile):
 
 
 def tree_file(path: Path, groups: Mapping[str, Group]) -> TreeFile:
-    """Signals of arrays by group, whose name is its path, "" for the top.
-
-    Raises InputError: no arrays of more than one number, or more than is read.
-    """
+    """Signals of arrays by group, whose name is its path, "" for the top. An InputError where there are no
+    arrays of more than one number, or more than is read."""
     log = TreeFile(path)
     for group, content in groups.items():
         prefix = f"{group}/" if group else ""

@@ -59,18 +59,8 @@ class Given:
 
 
 def given_of(options: Iterable[str]) -> dict[str, Given]:
-    """Read what a user says of channels, each as ``CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]``.
-
-    Raises InputError: no such channel, a scale that is no number or has no unit, or a unit of another
-    dimension.
-
-    Examples
-    --------
-    >>> given_of(["pressure_1=adc2*0.0625-0.625:bar"])["pressure_1"]
-    Given(signal='adc2', unit='bar', scale=0.0625, offset=-0.625)
-    >>> given_of(["position=:mm", "motor_current="])["motor_current"].signal
-    ''
-    """
+    """Read what a user says of channels, each as ``CHANNEL=[SIGNAL][*SCALE[+OFFSET]][:UNIT]``. An InputError
+    where there is no such channel, a scale is no number or has no unit, or a unit is of another dimension."""
     out: dict[str, Given] = {}
     for option in options:
         channel, equals, value = option.partition("=")
@@ -155,10 +145,8 @@ class Proposal:
 
 
 def propose(log: LogFile, given: dict[str, Given] | None = None) -> Proposal:
-    """Propose a map for a log; `given`: what the user knows, by channel (`given_of`).
-
-    Raises InputError: nothing in the log can be its time, or a given signal is not there.
-    """
+    """Propose a map for a log; `given`: what the user knows, by channel (`given_of`). An InputError where
+    nothing in the log can be its time, or a given signal is not there."""
     if not log.signals:
         raise InputError("no signals in it", where=log.path, mend="see fdd inspect what it holds")
     given = given or {}

@@ -58,11 +58,8 @@ class Choice(NamedTuple):
 
 
 def assign(scores: dict[str, dict[str, float]], channels: list[str]) -> dict[str, Choice]:
-    """The assignment of the highest total score (nats), each signal and channel at most once.
-
-    How sure a choice is follows from how much the total falls where it is forbidden. A channel that a signal
-    has no score of is impossible.
-    """
+    """The assignment of the highest total score (nats), each signal and channel at most once. How sure a
+    choice is follows from how much the total falls where it is forbidden."""
     from scipy.optimize import linear_sum_assignment
 
     signals = list(scores)
@@ -165,10 +162,8 @@ class Question:
 
 
 def scale_of(found: Clues, speed: str | None, channel: str, name: str) -> dict[str, object]:
-    """Unit of a signal as a channel; a scale where it is in volts or counts, by what it has to be like.
-
-    `speed` is the signal of the pump's speed, which a demand in volts is held against.
-    """
+    """Unit of a signal as a channel; a scale where it is in volts or counts, by what it has to be like. A
+    demand in volts is held against the signal `speed` of the pump."""
     unit, shaft, data = found.units[name], found.shaft, found.data
     if unit is not None and find_measure(unit, CHANNELS[channel].dimension) is not None:
         return {"unit": unit}

@@ -86,13 +86,7 @@ def _meanings() -> dict[str, set[str]]:
 
 
 def concepts(name: str) -> set[str]:
-    """The concepts of all words in a name.
-
-    Examples
-    --------
-    >>> sorted(concepts("Speicherdruck"))
-    ['accumulator', 'pressure']
-    """
+    """The concepts of all words in a name."""
     return {concept for word in taken_apart(name) for concept in _meanings().get(word, ())}
 
 
@@ -136,13 +130,7 @@ def _plain(text: str) -> str:
 
 
 def dimension_of(unit: str | None) -> str | None:
-    """What a unit measures, of the dimensions that channels have; None where it says nothing.
-
-    Examples
-    --------
-    >>> dimension_of("kPa abs"), dimension_of("1/min"), dimension_of("?")
-    ('pressure', 'angular_speed', None)
-    """
+    """What a unit measures, of the dimensions that channels have; None where it says nothing."""
     if unit is None or not unit.strip("-? []()"):
         return None
     if (dimension := _RAW.get(unit.strip().lower())) is not None:
@@ -186,14 +174,7 @@ def said_and_unit(signal: Signal) -> tuple[set[str], str | None]:
 
 
 def name_scores(signal: Signal) -> dict[str, float]:
-    """Evidence in nats that the signal is each of the channels that its name and unit allow, by channel.
-
-    Examples
-    --------
-    >>> scores = name_scores(Signal("Druck A", unit="bar"))
-    >>> max(scores, key=scores.get)
-    'pressure_1'
-    """
+    """Evidence in nats that the signal is each of the channels that its name and unit allow, by channel."""
     said, unit = said_and_unit(signal)
     own, dimension = signal.field or path_parts(signal.name)[1], dimension_of(unit)
     if own in CHANNELS and dimension in (None, CHANNELS[own].dimension):

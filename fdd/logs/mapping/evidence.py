@@ -40,16 +40,11 @@ RESTS = 0.6
 class Clues:
     """What is known of a log's signals, without those of clocks.
 
-    Attributes
-    ----------
-    data : on one time base.
-    scores : signal to channel to nats.
-    units : signal to the unit that the file or its name gives.
-    said : signal to the concepts of its name.
-    time : the column of the time and its unit, where the file does not tell by itself.
-    reasons : (signal, channel) to what spoke for it.
-    unnamed : signals of which neither name nor unit says anything, the user's among them.
-    shaft : the pump's, where an angle begins again each turn; its column in `data` is unwrapped and directed.
+    `data`: on one time base. `scores`: signal to channel to nats. `units`: signal to the unit that the file
+    or its name gives. `said`: signal to the concepts of its name. `time`: the column of the time and its
+    unit, where the file does not tell by itself. `reasons`: (signal, channel) to what spoke for it.
+    `unnamed`: signals of which neither name nor unit says anything, the user's among them. `shaft`: the
+    pump's, where an angle begins again each turn; its column in `data` is unwrapped and directed.
     """
 
     signals: dict[str, Signal]
@@ -86,10 +81,8 @@ class Clues:
 
 
 def gather(log: LogFile, given: dict[str, str]) -> Clues:
-    """Read a log's signals and score them; `given`: channel to signal, as the user knows it, "" for none.
-
-    Raises InputError: nothing in the log can be its time.
-    """
+    """Read a log's signals and score them; `given`: channel to signal, as the user knows it, "" for none. An
+    InputError where nothing in the log can be its time."""
     found = _read(log)
     for name, channels in found.scores.items():
         best = max(channels.values(), default=0.0)
