@@ -32,14 +32,8 @@ STEP_M3 = 1e-5
 
 
 class Remark(NamedTuple):
-    """Something that may be odd about a profile.
-
-    Attributes
-    ----------
-    impossible : no actuator is like that; else it is only unusual.
-    keys : the data sheet's numbers that it is about, the likeliest culprit first.
-    problem : with figures. mend : what to look at.
-    """
+    """Something that may be odd about a profile: unusual, or `impossible`, as no actuator is. `keys` are the
+    data sheet's numbers that it is about, the likeliest culprit first; `problem` has figures."""
 
     odd: bool
     impossible: bool
@@ -60,14 +54,7 @@ class Derived(NamedTuple):
 
 
 def derived(unit: Unit) -> list[Derived]:
-    """What follows from the profile, for the table of ``fdd profile check``.
-
-    Examples
-    --------
-    >>> rows = {r.quantity: r for r in derived(Unit.load("axis_a"))}
-    >>> f"{rows['hydraulic resonance'].value:.0f} {rows['hydraulic resonance'].unit}"
-    '56 Hz'
-    """
+    """What follows from the profile, for the table of ``fdd profile check``."""
     c, pump, relief = unit.cylinder, unit.pump, unit.accumulator.relief_pressure
     flow = pump.displacement * unit.drive.max_speed
     leak = pump.total_leakage * relief
@@ -102,13 +89,7 @@ def resonance(unit: Unit) -> float:
 
 
 def unit_remarks(unit: Unit, sheet: dict[str, float] | None = None) -> list[Remark]:
-    """What is odd about a profile and in its data `sheet` (SI), the impossible first.
-
-    Examples
-    --------
-    >>> unit_remarks(Unit.load("axis_a"))
-    []
-    """
+    """What is odd about a profile and in its data `sheet` (SI), the impossible first."""
     of_sheet = () if sheet is None else _sheet(sheet)
     parts = (of_sheet, _ranges(unit), _cylinder(unit), _accumulator(unit), _machine(unit))
     odd = [remark for part in parts for remark in map(Remark._make, part) if remark.odd]
@@ -248,14 +229,10 @@ def accumulator_volumes(
     - gas, isothermal: below 1.6 times its absolute pressure at rest when the hottest oil and the shifted oil
       have come in, above 0.6 times when all of the oil above is gone.
 
-    Only ratios of absolute pressures count, so the charge does not enter.
-
-    Parameters
-    ----------
-    total_oil : m³, in both chambers with their lines. loaded_oil : m³, in the chamber under load.
-    relief_pressure, bulk_modulus : Pa.
-    shifted : m³, difference of the piston areas times half the stroke; its sign does not matter.
-    cooling, heating : K, at least 0, from the reference temperature to the coldest and to the hottest.
+    Only ratios of absolute pressures count, so the charge does not enter. `total_oil` (m³) is in both
+    chambers with their lines, `loaded_oil` in the one under load, `shifted` the difference of the piston
+    areas times half the stroke, of any sign; `cooling`, `heating`: K, at least 0, from the reference
+    temperature.
 
     Examples
     --------

@@ -67,14 +67,8 @@ QUESTIONS = _questions()
 
 @dataclass(frozen=True)
 class Answers:
-    """What a data sheet says.
-
-    Attributes
-    ----------
-    name : of the profile. description : one line, may be empty.
-    values : question's key to its value in SI. Leakage given as a flow stands under ``leakage_flow``.
-    written : the same as it was typed, for the profile's sources.
-    """
+    """What a data sheet says: the profile's name, a description of one line, and by the questions' keys
+    `values` in SI (leakage given as a flow under ``leakage_flow``), and what was `written`."""
 
     name: str
     description: str = ""
@@ -87,17 +81,8 @@ class Answers:
 
     @classmethod
     def of(cls, given: Mapping[str, Any], where: str | Path = "answers") -> Answers:
-        """Check and convert answers as they are typed; `where` is named in errors.
-
-        Raises InputError: an unknown or missing key, or an answer that cannot be; one line names it.
-
-        Examples
-        --------
-        >>> Answers.of({"name": "rig", "stroke": "64 mm"})
-        Traceback (most recent call last):
-        ...
-        fdd.errors.InputError: answers: missing: piston_area_1 (m^2); write e.g. 'piston_area_1: 1 m^2'
-        """
+        """Check and convert answers as they are typed; `where` is named in errors. An InputError names an
+        unknown or missing key, or an answer that cannot be."""
         known = ("name", "description", *QUESTIONS)
         for key in given:
             if key not in known:
@@ -121,17 +106,7 @@ class Answers:
 
 
 def read_answers(path: str | Path) -> Answers:
-    """Read a flat YAML or JSON file of answers.
-
-    Raises InputError: no such file, not flat, or an answer that cannot be.
-
-    Examples
-    --------
-    >>> read_answers("none.yaml")
-    Traceback (most recent call last):
-    ...
-    fdd.errors.InputError: none.yaml: no such file of answers; give a YAML or JSON file with one answer a line
-    """
+    """Read a flat YAML or JSON file of answers; an InputError where it is none, or one cannot be."""
     path = Path(path)
     text = yaml_text(path, KIND, MAX_ANSWER_BYTES, MEND)  # JSON is YAML too
     return Answers.of(yaml_mapping(text, path, KIND, mend=MEND), path)
@@ -142,15 +117,6 @@ def parsed(question: Question, answer: object) -> tuple[str, float]:
     number is in the SI unit.
 
     Raises InputError: no number, a unit that measures something else, or outside the question's range.
-
-    Examples
-    --------
-    >>> parsed(QUESTIONS["rated_pressure"], "26 MPa")
-    ('rated_pressure', 26000000.0)
-    >>> parsed(QUESTIONS["stroke"], 64)
-    Traceback (most recent call last):
-    ...
-    fdd.errors.InputError: stroke: 64 m is not between 0.005 and 5 m; did you mean 64 cm or 64 mm or 64 in?
     """
     text = str(answer)
     found = None if isinstance(answer, bool) or len(text) > LONGEST_NAME else _NUMBER.match(text)
@@ -182,12 +148,8 @@ def parsed(question: Question, answer: object) -> tuple[str, float]:
 
 
 def typed_unit(answers: Answers) -> Unit:
-    """The base profile that a data sheet's answers make; for `fdd identify` to start from.
-
-    Each number has its source, and the usual error of such sheets as its standard deviation.
-
-    Raises InputError: the name is none.
-    """
+    """The base profile that a data sheet's answers make; for `fdd identify` to start from. Each number has
+    its source, and the usual error of such sheets as its standard deviation. Raises InputError: no name."""
     v = completed(answers.values)
     profile: dict[str, Any] = {
         "schema": UNIT_SCHEMA, "name": answers.name, "axis": "axis",

@@ -51,21 +51,14 @@ STARTS = {**dict.fromkeys(UNKNOWN, np.nan), "quietest": np.inf, "held_until": -n
 
 @dataclass(frozen=True)
 class SensorFinding:
-    """One failure of one channel; events of one kind are one finding.
+    """One failure of one channel; events of one kind are one finding, of `count` events.
 
-    Attributes
-    ----------
-    channel : contract's name; of a lost supply the first of `channels`.
-    kind : what it looks like.
-    onset_s, until_s : when it began; when the channel was good again, None while it is not, or where the
-        kind has no end (a slip stays).
-    detected_s : end of the frame in which it was decided.
-    confidence : see `CONFIDENCE`.
-    size : SI: metres or radians lost by an encoder (sum of magnitudes), pascals of a step, the value of a
-        stuck channel, the factor of a noise, seconds lost by a dropout, rows of spikes.
-    evidence : one sentence with figures and units.
-    count : how many events it sums up.
-    channels : all that are concerned.
+    `channel`: contract's name; of a lost supply the first of `channels`, all that are concerned. `until_s`:
+    when the channel was good again, None while it is not, or where the kind has no end (a slip stays).
+    `detected_s`: end of the frame in which it was decided. `confidence`: see `CONFIDENCE`. `size`: SI: metres
+    or radians lost by an encoder (sum of magnitudes), pascals of a step, the value of a stuck channel, the
+    factor of a noise, seconds lost by a dropout, rows of spikes. `evidence`: one sentence with figures and
+    units.
     """
 
     channel: str
@@ -86,13 +79,7 @@ class SensorFinding:
 
     @property
     def fault(self) -> str:
-        """The catalogue's id.
-
-        Examples
-        --------
-        >>> SensorFinding("position", "slip", 1.0, None, 1.5, 0.98, 1e-3, "").fault
-        'position_sensor_slip'
-        """
+        """The catalogue's id."""
         if self.kind in ("slip", "step") and self.channel == "position":
             return "position_sensor_slip"
         if self.kind == "step" and self.channel.startswith("pressure"):
@@ -150,10 +137,8 @@ class Memory(NamedTuple):
 class SensorFindings(Restorable):
     """Findings so far, by channel and kind, and which channels fail in the frame that is judged now.
 
-    Attributes
-    ----------
-    memory : what is kept of the channels. end : s, of the frame. failing : (12,) channels. jumps : begin, end
-        and end of the frame in which it was decided (s) of the position's jumps.
+    `end`: s, of the frame. `failing`: (12,) channels. `jumps`: begin, end and end of the frame in which it
+    was decided (s) of the position's jumps.
     """
 
     STATE = ("memory", "_found", "jumps")

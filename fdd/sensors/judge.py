@@ -33,10 +33,8 @@ class FrameJudge:
         self._jumps = JumpWatch(limits, findings)
 
     def judge(self, time: Array, values: Array, first: int, impossible: Mask, end: float) -> None:
-        """Judge rows ``first:`` of `time` (n,) s and `values` (12, n), the frame's until `end` (s).
-
-        Those before are the tail of the frame before; `impossible` (12, m) says what `impossible_rows` took.
-        """
+        """Judge rows ``first:`` of `time` (n,) s and `values` (12, n), the frame's until `end` (s), after the
+        tail of the one before; `impossible` (12, m) says what `impossible_rows` took."""
         memory, limits = self.findings.memory, self.limits
         self.findings.begin_frame(end)
         failing = self.findings.failing

@@ -182,12 +182,9 @@ def cells_of(
     """Look at `values` (12, n) of the judged channels in `cells` cells from `origin` (s) on.
 
     `swept` (n,) or (0,) as in `Rows`, `noise` (12,) of a row; what the memory's cells showed before goes on.
-
-    Returns
-    -------
-    peaks : (2, 12) largest excess of a row for either of `STRIDES`; 0 of channels that are not judged.
-    means, over : (12, cells) mean of each cell (NaN of those), how far its step exceeds its neighbours'.
-    limit : (12, cells) what `over` may be; inf for a channel in which nothing is beyond its noise.
+    Gives (2, 12) the largest excess of a row for either of `STRIDES`, 0 of channels that are not judged; and
+    (12, cells) each: the cell's mean (NaN of those), how far its step exceeds its neighbours', and what that
+    may be, inf for a channel in which nothing is beyond its noise.
     """
     channels, fresh = values.shape[0], cells - 2 * BESIDE_CELLS
     edges = np.empty(cells + 1, np.int64)

@@ -119,10 +119,8 @@ def _level_change(time: Array, values: Array, first: int, last: int) -> tuple[fl
 
 @njit(nogil=True)
 def explained(k: int, time: Array, values: Array, swept: Array, stride: int, limits: Limits) -> Array:
-    """What physics and the recorder explain of an excess of channel k, (n,); inf beside missing rows.
-
-    `values` (12, n) and `swept` (n,) or (0,) are those of `Rows`.
-    """
+    """What physics and the recorder explain of an excess of channel k, (n,), in `Rows`; inf beside missing
+    rows."""
     steps = np.zeros(time.size)
     steps[1:] = time[1:] - time[:-1]
     period = smallest(steps[1:].copy(), (time.size - 1) // 2)
@@ -214,10 +212,7 @@ def widest(values: Array, reach: int) -> Array:
 @njit(nogil=True)
 def excess(time: Array, values: Array, stride: int = 1) -> Array:
     """What of each row's step is beyond its neighbours' rates, (n,) of (n,); 0 at the ends, NaN beside a NaN.
-
-    Parameters
-    ----------
-    stride : rows that a step spans: 2 sees a jump that two rows share.
+    A step spans `stride` rows: 2 sees a jump that two rows share.
 
     Examples
     --------

@@ -122,10 +122,8 @@ class Limits(NamedTuple):
         )  # fmt: skip
 
     def row_bounds(self) -> Array:
-        """Least and largest value of a row, largest change in a second, and an allowance on that, (4, 12).
-
-        The change is inf where none is known.
-        """
+        """Least and largest value of a row, largest change in a second (inf where none is known), and an
+        allowance on that, (4, 12)."""
         reach = SIGMA * self.noise + self.resolution
         rate = np.full(reach.size, np.inf)
         rate[POSITION], rate[ANGLE] = self.piston_speed, 1.3 * self.pump_speed

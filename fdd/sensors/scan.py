@@ -76,10 +76,8 @@ class Scan(NamedTuple):
 def scan(
     time: Array, values: Array, first: int, kind: int, end: float, limits: Limits, memory: Memory
 ) -> Scan:
-    """Rows ``first:`` of `values` (12, n), the frame's, held against limits and the frames before.
-
-    It lasts until `end` (s), its `kind` is `STILL` or `MOVING`; counts, gaps and runs of `memory` go on.
-    """
+    """Rows ``first:`` of `values` (12, n), the frame's until `end` (s), held against limits and the frames
+    before; its `kind` is `STILL` or `MOVING`; counts, gaps and runs of `memory` go on."""
     channels, n = values.shape
     # Does Δp carry anything of its own? If not, it fails with the chambers' pressures.
     worst = -1.0
@@ -266,10 +264,8 @@ def standing_position(
 
 @njit(nogil=True)
 def _stopped_in_motion(time: Array, position: Array, moved: Array, since: float, count: float) -> bool:
-    """Whether position and pump moved together until `since`, and the pump then went on alone.
-
-    `moved` (n,) m is the pump's volume over the area, `count` (m) the resolution of the position.
-    """
+    """Whether position and pump moved together until `since`, and the pump then went on alone. `moved` (n,) m
+    is the pump's volume over the area, `count` (m) the resolution of the position."""
     a, b, c = (place(time, since - FROZEN_S), place(time, since), place(time, since + FROZEN_S))
     if time[0] > since - FROZEN_S or c >= time.size or b - a < 2:
         return False
@@ -280,10 +276,8 @@ def _stopped_in_motion(time: Array, position: Array, moved: Array, since: float,
 
 @njit(nogil=True)
 def smallest(values: Array, rank: int) -> float:
-    """The value of this rank (0: least) among (n,) without NaN, which are put in another order.
-
-    Hoare's selection: on what a frame has it takes half the time of NumPy's partition.
-    """
+    """The value of this rank (0: least) among (n,) without NaN, which are put in another order, by Hoare's
+    selection: on what a frame has it takes half the time of NumPy's partition."""
     low, high = 0, values.size - 1
     while low < high:
         pivot, i, j = values[(low + high) // 2], low, high

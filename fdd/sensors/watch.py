@@ -27,22 +27,8 @@ class SensorWatch(Restorable):
 
     Verdicts fall at the ends of frames of half a second, counted from the first row, once a row after the
     frame came; single rows that cannot be true are taken out as they come. So nothing depends on how the log
-    was cut into blocks, and nothing is held back: what was passed before a verdict stays passed.
-
-    Parameters
-    ----------
-    unit : profile; ranges, counts, noise, stroke and speeds are taken from it.
-
-    Examples
-    --------
-    >>> watch = SensorWatch(Unit.load("axis_a"))
-    >>> time = np.arange(3000) * 1e-3
-    >>> pressure = np.where(time < 1.0, np.random.default_rng(1).normal(1e6, 7e3, 3000), 0.0)
-    >>> out = watch.push(Samples(time, {"pressure_1": pressure}))
-    >>> [(f.channel, f.kind, f.onset_s) for f in watch.findings()]
-    [('pressure_1', 'dead', 1.0)]
-    >>> bool(np.isnan(out["pressure_1"][-1]))
-    True
+    was cut into blocks, and nothing is held back: what was passed before a verdict stays passed. Ranges,
+    counts, noise, stroke and speeds are those of the unit's profile.
     """
 
     STATE = ("_first", "_last", "_frame", "_tail", "_parts", "_findings")
