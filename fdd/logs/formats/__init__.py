@@ -255,19 +255,6 @@ def format_of(path: Path) -> Format:
     return found
 
 
-@contextmanager
-def _by_package(package: str, path: Path) -> Iterator[None]:
-    """Whatever a package's code raises as one line that names it; what is ours, and the system's, passes."""
-    try:
-        yield
-    except (InputError, OSError, MemoryError):
-        raise
-    except Exception as error:
-        brief = " ".join(str(error).split())[:120]
-        problem = f"package {package}, which reads it, stopped with {type(error).__name__}: {brief}"
-        raise InputError(problem, where=path, mend="copy the file again, or mend the package") from None
-
-
 def _checked(path: Path, package: str, opener: Callable[[Path], LogFile]) -> LogFile:
     """The file that a package's `opener` gives, of which every answer is checked: what reads its columns
     relies on numbers, of one length for each clock and within the bounds (`fdd.bounds`).
@@ -275,7 +262,9 @@ def _checked(path: Path, package: str, opener: Callable[[Path], LogFile]) -> Log
     Raises InputError, as its methods do: whatever the package's code raises, and answers that nothing can be
     made of.
     """
-    guarded, rows = _by_package(package, path), dict[str, int]()
+    mend = "copy the file again, or mend the package"
+    guarded = partial(readable, f"package {package}, which reads it, stopped", path, mend)
+    rows: dict[str, int] = {}
 
     def column(values: Any, clock: str) -> Column:
         found = np.asarray(values, dtype=np.float64)
@@ -283,7 +272,7 @@ def _checked(path: Path, package: str, opener: Callable[[Path], LogFile]) -> Log
             raise ValueError(f"numbers of shape {found.shape} on a clock of {rows[clock]} rows")
         return found
 
-    @guarded
+    @guarded()
     def read(names: Iterable[str]) -> dict[str, Column]:
         wanted = list(dict.fromkeys(names))
         given = own_read(wanted)
@@ -291,12 +280,12 @@ def _checked(path: Path, package: str, opener: Callable[[Path], LogFile]) -> Log
         require_size(max((v.size for v in out.values()), default=0), len(out), path)
         return out
 
-    @guarded
+    @guarded()
     def stamps(clock: str) -> Column | None:
         given = own_stamps(clock)
         return None if given is None else column(given, clock)
 
-    with _by_package(package, path):
+    with guarded():
         log = opener(path)
         if not isinstance(log, LogFile):
             raise TypeError(f"it gave a {type(log).__name__}, not a LogFile")
@@ -305,6 +294,6 @@ def _checked(path: Path, package: str, opener: Callable[[Path], LogFile]) -> Log
                 raise ValueError(f"it gave a signal {str(name)[:40]!r} without a usable name")
     require_size(1, len(log.signals), path)
     own_read, own_stamps = log.read, log.stamps
-    for method, checked in {"read": read, "stamps": stamps, "place": guarded(log.place)}.items():
+    for method, checked in {"read": read, "stamps": stamps, "place": guarded()(log.place)}.items():
         setattr(log, method, checked)
     return log
