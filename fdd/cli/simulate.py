@@ -212,9 +212,8 @@ def write_simulation(
         from fdd.plant.simulate import BLOCK, stream
 
         for k, parts in enumerate(stream(unit, scenario, partner=partner)):
-            for axis, part in zip(axes, parts, strict=True):
-                beside = {"time": part.truth.time, **part.truth.as_columns()} if truth else None
-                yield RunBlock(part.samples, beside, axis)
+            for axis, (samples, true) in zip(axes, parts, strict=True):
+                yield RunBlock(samples, {"time": true.time, **true.as_columns()} if truth else None, axis)
             advance(float(min((k + 1) * BLOCK, scenario.rows)))
 
     blocks = made()

@@ -30,6 +30,9 @@ _ACTING = {"load": c.BY_LOAD, "heat": c.BY_HEAT}
 BLOCK = 20_000
 """Rows that are simulated at a time; about 20 MB for one axis."""
 
+AxisBlock = tuple[Samples, Truth]
+"""Some rows of one axis: its log and the truth beside it."""
+
 
 @dataclass(frozen=True)
 class Simulation:
@@ -49,14 +52,6 @@ class Simulation:
     unit: Unit
     scenario: Scenario
     partner: Simulation | None = None
-
-
-@dataclass(frozen=True)
-class AxisBlock:
-    """Some rows of one axis: its log and the truth beside it."""
-
-    samples: Samples
-    truth: Truth
 
 
 @dataclass(frozen=True)
@@ -109,8 +104,12 @@ def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
 def stream(
     unit: Unit, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0, block: int = BLOCK
 ) -> Iterator[tuple[AxisBlock, ...]]:
-    """Simulate one run `block` milliseconds at a time, one `AxisBlock` for each axis; else as `simulate`."""
-    ready = prepare(unit, scenario, partner=partner, refine=refine)
+    """Simulate one run `block` milliseconds at a time, log and truth of each axis; else as `simulate`."""
+    return _measured(prepare(unit, scenario, partner=partner, refine=refine), block)
+
+
+def _measured(ready: Prepared, block: int = BLOCK) -> Iterator[tuple[AxisBlock, ...]]:
+    scenario = ready.scenario
     recording, scales = scenario.recording, scenario.fault_scales
     recorders = [
         Recorder(each, _own(scenario, i), recording, scenario.seed, stream_of(i), scales)
@@ -147,18 +146,16 @@ def simulate(
     >>> len(out.truth) == len(out.samples), out.labels
     (True, [])
     """
-    units = [unit if isinstance(unit, Unit) else Unit.load(unit)]
-    if scenario.partner is not None:
-        units.append(partner or Unit.load(scenario.partner.unit))
-        partner = units[1]
-    parts = list(stream(units[0], scenario, partner=partner, refine=refine))
+    first = unit if isinstance(unit, Unit) else Unit.load(unit)
+    ready = prepare(first, scenario, partner=partner, refine=refine)
+    blocks = list(_measured(ready))
     found: Simulation | None = None
-    for i in reversed(range(len(units))):
-        samples = Samples.concatenate([axes[i].samples for axes in parts])
-        columns = _joined([axes[i].truth.columns for axes in parts])
-        severity = _joined([axes[i].truth.severity for axes in parts])
-        labels = [spec.label() for spec in _own(scenario, i)]
-        found = Simulation(samples, Truth(samples.time, columns, severity), labels, units[i], scenario, found)
+    for i in reversed(range(len(ready.units))):
+        logs, truths = zip(*(axes[i] for axes in blocks), strict=True)
+        samples = Samples.concatenate(list(logs))
+        columns, severity = _joined([t.columns for t in truths]), _joined([t.severity for t in truths])
+        truth, labels = Truth(samples.time, columns, severity), [s.label() for s in _own(scenario, i)]
+        found = Simulation(samples, truth, labels, ready.units[i], scenario, found)
     assert found is not None
     return found
 
@@ -174,17 +171,20 @@ def _axis_block(ready: Prepared, raw: RawBlock, axis: int, recorder: Recorder) -
     known = {"command": raw.commands[:, axis]}
     if scenario.control.mode == "position" and axis == 0:
         known["position_setpoint"] = rows[:, c.SETPOINT]
-    recorded = recorder.measure({**everything, **known}, raw.time)
-    samples, kept = recorded.samples(), recorded.kept
+    stamps, columns, kept = recorder.measure({**everything, **known}, raw.time)
     severity = {
         spec.fault: spec.over(raw.time) * (rows[:, _ACTING[spec.profile]] if spec.profile in _ACTING else 1.0)
         for spec in _own(scenario, axis)
     }
     if not kept.all():
-        rows_kept = np.flatnonzero(kept)  # taken by index: half the time of a mask
-        everything = {name: values.take(rows_kept) for name, values in everything.items()}
-        severity = {name: values.take(rows_kept) for name, values in severity.items()}
-    return AxisBlock(samples, Truth(samples.time, everything, severity))
+        there = np.flatnonzero(kept)  # taken by index: half the time of a mask
+        stamps = stamps[there]
+        columns, everything, severity = (
+            {name: values.take(there) for name, values in each.items()}
+            for each in (columns, everything, severity)
+        )
+    samples = Samples(stamps, columns)
+    return samples, Truth(samples.time, everything, severity)
 
 
 def _joined(parts: list[dict[str, Array]]) -> dict[str, Array]:

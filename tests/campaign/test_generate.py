@@ -281,7 +281,7 @@ def test_noise_is_what_sensors_show_beside_a_smooth_motion() -> None:
     time = np.arange(n) * 1e-3
     slope = {"pump_angle": time, "position": 7.31e-4, "motor_current": 0.01, "oil_temperature": 0.07}
     truth = {name: slope.get(name, 2.7e4) * time for name in MEASURED}
-    shown = Recorder(unit, [], recording, seed=5).measure({**truth, "command": 0.0 * time}, time).columns
+    _, shown, _ = Recorder(unit, [], recording, seed=5).measure({**truth, "command": 0.0 * time}, time)
     assert noise_deviation(unit, "command", recording) == 0.0
     for name in (*MEASURED[:-1], "pump_speed"):
         error = (shown[name] - np.polyval(np.polyfit(time, shown[name], 2), time))[1:]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -21,7 +20,6 @@ from fdd.plant.compiled import njit
 from fdd.plant.faults import FaultScales, FaultSpec
 from fdd.plant.sensors.faults import USUAL, SensorFault, sensor_fault, struck_channel
 from fdd.plant.sensors.recording import NanBursts, Recording, generator
-from fdd.samples import Samples
 from fdd.sections import Sensor
 from fdd.unit import Unit
 
@@ -38,6 +36,8 @@ HIGHEST_LIMIT = 450.0
 """Hz; a limit from here on is none."""
 MOST_JITTER = 4.0
 """Standard deviations at which a stamp's error ends, so that stamps always increase."""
+Recorded = tuple[Array, dict[str, Array], NDArray[np.bool_]]
+"""Stamps (n,) s; channel to (n,) values, NaN where a burst or a fault took them; rows that the log has."""
 
 
 class Range(NamedTuple):
@@ -168,24 +168,6 @@ class ChannelSensor:
         return np.asarray(out)
 
 
-@dataclass(frozen=True)
-class Rows:
-    """A block of what was recorded, all rows still there.
-
-    Stamps (n,) s; channel to (n,) values, NaN where a burst or a fault took them; whether the log has it.
-    """
-
-    time: Array
-    columns: dict[str, Array]
-    kept: NDArray[np.bool_]
-
-    def samples(self) -> Samples:
-        """The rows that the log has."""
-        if self.kept.all():
-            return Samples(self.time, self.columns)
-        return Samples(self.time[self.kept], {c: v[self.kept] for c, v in self.columns.items()})
-
-
 class Recorder:
     """Measures a run block by block: sensors, their faults, and what the recording loses.
 
@@ -235,14 +217,11 @@ class Recorder:
         self._angle = np.empty(0)
         self.row = 0
 
-    def measure(self, truth: Mapping[str, Array], time: Array) -> Rows:
+    def measure(self, truth: Mapping[str, Array], time: Array) -> Recorded:
         """Record the next n rows, with the channels in the order known, measured, known.
 
-        Parameters
-        ----------
-        truth : column (n,) of each channel of `MEASURED` (``load_force`` only where it is measured), and
-            of `KNOWN` where there are any.
-        time : (n,) s, when each row was taken.
+        Of a column (n,) of each channel of `MEASURED` (``load_force`` only where it is measured), and of
+        `KNOWN` where there are any, taken at `time` (n,) s.
         """
         time = np.ascontiguousarray(time, dtype=np.float64)
         columns: dict[str, Array] = {}
@@ -277,7 +256,7 @@ class Recorder:
         if self.recording.keeps_every > 1:
             kept = kept & (np.arange(self.row, self.row + time.size) % self.recording.keeps_every == 0)
         self.row += time.size
-        return Rows(stamps, columns, kept)
+        return stamps, columns, kept
 
     def _count_difference(self, angle: Array) -> Array:
         """Counts since the last sample over a nominal period: a late row shows too much speed."""
