@@ -179,11 +179,8 @@ def load_dataset(directory: str | Path, features: str | Path | None = None) -> L
     """Open a data set that ``fdd generate`` made.
 
     `features` is the table that ``fdd features`` made of it; None takes ``features.parquet`` in its folder,
-    if there is one.
-
-    Raises
-    ------
-    InputError : not a data set, labels or recipe were changed, or features of other data.
+    if there is one. An `InputError` where it is no data set, labels or recipe were changed, or the features
+    are of other data.
     """
     data = Dataset.load(directory)
     path = data.directory / FEATURES_FILE if features is None else Path(features)

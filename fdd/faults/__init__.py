@@ -85,12 +85,7 @@ def unusable(name: str, problem: str, has: Iterable[str]) -> InputError:
 
 
 def fault(name: str) -> Fault:
-    """Look a fault up.
-
-    Raises
-    ------
-    InputError : unknown id; the line lists the known ones.
-    """
+    """Look a fault up; the `InputError` of an unknown id lists the known ones."""
     if name not in CATALOGUE:
         raise InputError(f"unknown fault {name!r}", mend=f"the catalogue has: {', '.join(CATALOGUE)}")
     return CATALOGUE[name]

@@ -29,12 +29,8 @@ Ranges = dict[str, tuple[float, float]]
 
 
 class Validated(BaseModel):
-    """A model that refuses unknown fields and tells what is wrong in one line.
-
-    Raises
-    ------
-    InputError : names the field, what is wrong with it and what is allowed.
-    """
+    """A model that refuses unknown fields; an `InputError` names the field, what is wrong with it and what is
+    allowed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -103,18 +99,8 @@ Value = Annotated[float, Field(allow_inf_nan=False)]
 class Programme(Validated):
     """A value over time: constant before the first point and after the last, linear in between.
 
-    Two points at the same time are a jump; from that time on the second one holds.
-
-    Attributes
-    ----------
-    points : (time in s, value), times ascending.
-
-    Examples
-    --------
-    >>> programme("0:0/10:1").over(np.array([-1.0, 5.0, 99.0]))
-    array([0. , 0.5, 1. ])
-    >>> programme(0.25).over(np.zeros(2)), programme([[0, 0], [5, 0], [5, 1]]).over(np.array([4.999, 5.0]))
-    (array([0.25, 0.25]), array([0., 1.]))
+    `points` are (time in s, value), times ascending. Two points at the same time are a jump; from that time
+    on the second one holds.
     """
 
     points: Annotated[tuple[tuple[Second, Value], ...], Field(min_length=1, max_length=_MAX_POINTS)]

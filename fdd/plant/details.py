@@ -190,27 +190,19 @@ def velocity_loop(drive: Drive, current_lag: float) -> tuple[float, float, float
 
 
 def plant_parameters(
-    unit: Unit, details: Details, load: Load, *, circuit: Circuit | None = None, charge_factor: float = 1.0,
+    unit: Unit, details: Details, load: Load, *, circuit: Circuit = Circuit(), charge_factor: float = 1.0,
     ambient: float = ATMOSPHERE, friction_draw: tuple[float, float] = (1.0, 1.0), surroundings: float = 40.0,
     joined_mass: float = 0.0, shares: bool = False,
 ) -> Constants:  # fmt: skip
-    """Everything constant over a run.
+    """Everything constant over a run; an `InputError` where a chamber would be empty within the stroke, or
+    air alone too soft.
 
-    Parameters
-    ----------
-    charge_factor : accumulator charge (gauge) over the unit's.
-    ambient : Pa, absolute pressure at gauge zero.
-    friction_draw : this run's friction over the unit's, forward and reverse (Table 5.1's spread).
-    surroundings : °C around the actuator.
-    joined_mass : kg of another axis's piston on the same rod.
-    shares : the axis has no accumulator but the first one's.
-
-    Raises
-    ------
-    InputError : a chamber would be empty within the stroke, or the air alone too soft.
+    `charge_factor` is the accumulator's charge (gauge) over the unit's, `ambient` (Pa, absolute) the pressure
+    at gauge zero, `friction_draw` this run's friction over the unit's, forward and reverse (Table 5.1's
+    spread), `surroundings` (°C) the temperature around the actuator, `joined_mass` (kg) that of the other
+    axis's piston on the same rod. With `shares` the axis has no accumulator but the first one's.
     """
     cylinder, pump, oil, drive = unit.cylinder, unit.pump, unit.oil, unit.drive
-    circuit = circuit or Circuit()
     half = 0.5 * cylinder.stroke
     # The valve between pump and cylinder lies in the middle: V_o on either side of it (eqs 3.14 to 3.17).
     share = 0.5 if circuit.blocked else 1.0

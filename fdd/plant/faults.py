@@ -52,16 +52,6 @@ class FaultSpec(Validated):
     side, variant, law : what the catalogue lists for the fault; None takes the first.
     seed : of the random profile.
     axis : 1, or 2 for the partner of a dual rig.
-
-    Raises
-    ------
-    InputError : unknown or not simulated fault, value out of range.
-
-    Examples
-    --------
-    >>> spec = FaultSpec(fault="internal_leakage", severity=0.4, onset=2.0)
-    >>> spec.over(np.array([0.0, 1.9, 2.0, 9.0]))
-    array([0. , 0. , 0.4, 0.4])
     """
 
     fault: str
@@ -192,18 +182,11 @@ def inject(
     rows: Array, time: Array, specs: Sequence[FaultSpec], scales: FaultScales, details: Details, *,
     axis: int = 1, profile: str | None = None,
 ) -> None:  # fmt: skip
-    """Put an axis's plant faults into its conditions, in place.
+    """Put an axis's plant faults into its conditions (n, COLUMNS) at `time` (n,) s, in place.
 
-    Parameters
-    ----------
-    rows, time : (n, COLUMNS) conditions of any stretch of a run, and (n,) s.
-    specs : the scenario's faults; those of sensors and of the other axis are passed over.
-    axis : 1 or 2, whose rows these are.
-    profile : ``load`` or ``heat``: those alone; None: all others.
-
-    Raises
-    ------
-    InputError : a package's fault names what the plant does not have.
+    Of the scenario's faults those of sensors and of the other axis are passed over. `profile` is ``load`` or
+    ``heat`` for those alone, None for all others. An `InputError` where a package's fault names what the
+    plant does not have.
     """
     figures = {**vars(details), **vars(scales)}
     for name in PLANT_FAULTS:

@@ -84,7 +84,7 @@ class Partner(Validated):
 
 
 class Scenario(Validated):
-    """One run.
+    """One run; an `InputError` names the field that is not possible, and what is allowed.
 
     Attributes
     ----------
@@ -106,10 +106,6 @@ class Scenario(Validated):
     recording : dropped rows, late stamps, NaN.
     details : of the plant, which no unit profile knows.
     seed : fixes everything random.
-
-    Raises
-    ------
-    InputError : names the field and what is allowed.
 
     Examples
     --------

@@ -70,12 +70,7 @@ class RawBlock:
 
 
 def raw_blocks(ready: Prepared, block: int = BLOCK) -> Iterator[RawBlock]:
-    """Run what was prepared, `block` milliseconds at a time.
-
-    Raises
-    ------
-    InputError : the run left the range of the model.
-    """
+    """Run what was prepared, `block` milliseconds at a time; an `InputError` where the model's range ends."""
     scenario = ready.scenario
     lateness = Lateness(scenario.recording, LATE_PARTS, scenario.seed)
     each, period = scenario.recording.each, scenario.recording.period
@@ -122,7 +117,8 @@ def _measured(ready: Prepared, block: int = BLOCK) -> Iterator[tuple[AxisBlock, 
 def simulate(
     unit: Unit | str | Path, scenario: Scenario, *, partner: Unit | None = None, refine: float = 1.0
 ) -> Simulation:
-    """Simulate one run. The same units, scenario and refinement give the same bits.
+    """Simulate one run. The same units, scenario and refinement give the same bits. An `InputError` where the
+    scenario does not fit the unit, or the run leaves the range of the model.
 
     Parameters
     ----------
@@ -135,10 +131,6 @@ def simulate(
     Returns
     -------
     samples, truth and labels; as many rows as the recording's rate gives, less those that it lost.
-
-    Raises
-    ------
-    InputError : the scenario does not fit the unit, or the run left the range of the model.
 
     Examples
     --------

@@ -171,19 +171,10 @@ class ChannelSensor:
 class Recorder:
     """Measures a run block by block: sensors, their faults, and what the recording loses.
 
-    Parameters
-    ----------
-    unit : its sensors.
-    faults : those of sensors act here, the others are left alone.
-    recording : how the log is taken; rows that are late come late from the plant (see `Lateness`).
-    seed : of the scenario.
-    stream : tells the axes of one scenario apart, as " axis_b"; "" for the only one. Noise, bursts and faults
-        are each axis's own; dropped rows and stamps are all axes' in common (one computer samples them).
-    scales : figures of severity 1.
-
-    Raises
-    ------
-    InputError : a fault that this unit's sensors cannot have.
+    Of the `faults` those of sensors act here; an `InputError` where this unit's sensors cannot have one. Rows
+    that are late come late from the plant (see `Lateness`). `seed` is the scenario's, `stream` tells its axes
+    apart ("" for the first): noise, bursts and faults are each axis's own, dropped rows and stamps are all
+    axes' in common, as one computer samples them. `scales` are the figures of severity 1.
     """
 
     def __init__(
