@@ -6,7 +6,6 @@ stream of its own, so that neither the number of workers nor the order of work c
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -22,7 +21,7 @@ from fdd.plant.details import Details
 from fdd.plant.duty import AnyDuty, ConstantSpeed, Sines
 from fdd.plant.rig import AnyLoad, NoLoad, ThrottleLoad
 from fdd.plant.scenario import Control, Scenario
-from fdd.plant.sensors.recording import Recording
+from fdd.plant.sensors.recording import Recording, generator
 from fdd.unit import Cylinder, Section, Unit
 
 S = TypeVar("S", bound=Section)
@@ -65,9 +64,7 @@ class Rig:
 
 def stream(recipe: Recipe, purpose: str, *indices: int) -> Rng:
     """The random stream of one purpose, unit, log and attempt."""
-    return np.random.default_rng(
-        np.random.SeedSequence([recipe.seed, zlib.crc32(purpose.encode()), *indices])
-    )
+    return generator(recipe.seed, purpose, *indices)
 
 
 def draw_unit(recipe: Recipe, rng: Rng, index: int) -> Rig:

@@ -17,9 +17,9 @@ SHORTEST_BURST, LONGEST_BURST = 5, 30
 MOST_CHANNELS = 4
 
 
-def generator(seed: int, purpose: str) -> np.random.Generator:
+def generator(seed: int, purpose: str, *indices: int) -> np.random.Generator:
     """A random stream of its own for each purpose, so that one more draw here changes nothing there."""
-    return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(purpose.encode())]))
+    return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(purpose.encode()), *indices]))
 
 
 class Recording(Validated):
