@@ -23,10 +23,8 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from fdd.errors import InputError
-from fdd.plant.oil import ATMOSPHERE, air_compliance, stiff_bulk_modulus
+from fdd.plant.oil import ATMOSPHERE, KELVIN, air_compliance, stiff_bulk_modulus
 from fdd.unit import Oil, Unit
-
-KELVIN = 273.15
 
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:

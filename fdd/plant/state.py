@@ -10,7 +10,7 @@ import numpy as np
 
 from fdd.plant import Array, Constants
 from fdd.plant import conditions as c
-from fdd.plant.oil import bulk_modulus, viscosity_ratio
+from fdd.plant.oil import KELVIN, bulk_modulus, viscosity_ratio
 from fdd.unit import Unit
 
 # Shared by all axes on the rod.
@@ -162,6 +162,6 @@ def truth_columns(
         "motor_current": own[:, CURRENT],
         "oil_temperature": own[:, TEMPERATURE],
         "oil_lost": own[:, LOST],
-        "gas_temperature": own[:, GAS] * (par.surroundings + 273.15) - 273.15,
+        "gas_temperature": own[:, GAS] * (par.surroundings + KELVIN) - KELVIN,
     }
     return {name: f[:, _FOUND[name]] if name in _FOUND else computed[name] for name in TRUTH}
