@@ -62,11 +62,6 @@ class Prepared:
     setpoints: Array
     force: Array
 
-    @property
-    def axes(self) -> int:
-        """How many axes there are."""
-        return len(self.units)
-
     def row(self, y: Array, t: int, conditions: tuple[Array, Array, Array]) -> Array:
         """What acts in millisecond t of these conditions at that state, (axes, COLUMNS), as in the loop."""
         now = np.empty(conditions[0].shape[1:])

@@ -83,7 +83,7 @@ def fine_run(
     rows = np.empty_like(conditions[0])
     first, second = ready.parameters[0], ready.parameters[-1]
     points, weights = lobatto(nodes)
-    y, found = ready.state.copy(), np.empty(ready.axes * s.FINDINGS)
+    y, found = ready.state.copy(), np.empty(len(ready.units) * s.FINDINGS)
     k, stage = np.empty((STAGES, y.size)), np.empty(y.size)
     states, slopes = np.empty((2, scenario.rows, nodes, y.size))
     findings = np.empty((scenario.rows, nodes, found.size))
@@ -187,7 +187,7 @@ def energies(run: FineRun) -> Energies:
         through = drop / np.sqrt(par.throttle * np.sqrt(drop**2 + width**2))
         out.stored["lumped partner"] = 0.5 * par.partner_compliance * drop**2
         out.lost["lumped partner's throttle"] = drop * through
-    first, *second = (_axis(run, axis, out) for axis in range(run.ready.axes))
+    first, *second = (_axis(run, axis, out) for axis in range(len(run.ready.units)))
     for lines in second:
         for line, flow in enumerate((s.CONNECT_FLOW_1, s.CONNECT_FLOW_2)):
             out.lost[f"connect valve {line + 1}"] = run.finding(flow) * (lines[line] - first[line])

@@ -100,8 +100,8 @@ def integrate(
     assert all(unit.drive.delay == PERIOD for unit in ready.units)
     conditions = ready.conditions(0, commands.shape[0])
     first, second = ready.parameters[0], ready.parameters[-1]
-    atol = tolerances(ready.axes) * atol_factor
-    found = np.empty(ready.axes * s.FINDINGS)
+    atol = tolerances(len(ready.units)) * atol_factor
+    found = np.empty(len(ready.units) * s.FINDINGS)
     y = ready.state.copy()
     states = np.empty((commands.shape[0], y.size))
     evaluations = 0

@@ -185,7 +185,7 @@ def _checked(seed: int, wild: Wild, ready: Prepared, raw: RawBlock) -> Outcome:
     if not (np.isfinite(raw.states).all() and np.isfinite(raw.found).all()):
         return Outcome(seed, ["NaN"], refused=wild.refused)
     par = ready.parameters[0]
-    axes = range(ready.axes)
+    axes = range(len(ready.units))
     own = [raw.states[:, s.SHARED + axis * s.AXIS_STATES :] for axis in axes]
     lowest = float(min(x[:, [s.P1, s.P2, s.LINE_1, s.LINE_2]].min() for x in own) + par.ambient)
     if lowest <= 0.0:
@@ -205,7 +205,7 @@ def _checked(seed: int, wild: Wild, ready: Prepared, raw: RawBlock) -> Outcome:
     worst = int(np.argmax(fastest))
     of = ready.parameters[worst]
     flow = of.area_1 * float(np.abs(raw.states[:, s.V]).max())
-    if ready.axes > 1:
+    if len(ready.units) > 1:
         flow += ready.parameters[1 - worst].displacement * fastest[1 - worst]
     speed, most = fastest[worst], 1.3 * max(of.max_speed, flow / of.displacement)
     if speed > most:
