@@ -104,9 +104,7 @@ class Spread:
     noise: float
 
 
-def learnt_spread(
-    name: str, units: Sequence[UnitLogs], first: Effects, iterations: int = ITERATIONS
-) -> Spread:
+def learnt_spread(name: str, units: Sequence[UnitLogs], first: Effects) -> Spread:
     """Fit the model to one balance, from what was assumed `first`."""
     own = BALANCES[name].own
     m, units_variance = first.mean[own], np.square(first.units[own])
@@ -118,7 +116,7 @@ def learnt_spread(
     parts = 0.3 * assumed / usual[:, None]
     freedom = 4.0
     weights = [np.ones(len(u.vector)) for u in units]
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         found = [
             log_effects(u.information, u.vector, u.conditions @ parts / w[:, None], m, units_variance)
             for u, w in zip(units, weights, strict=True)
@@ -159,16 +157,14 @@ def _freedom(weights: Array, told: Array, freedom: float) -> float:
     return low if slope(low) <= 0.0 else high if slope(high) > 0.0 else float(brentq(slope, low, high))
 
 
-def learnt_wander(
-    name: str, logs: Sequence[Frames], first: Effects, iterations: int = WANDER_ITERATIONS
-) -> Array:
+def learnt_wander(name: str, logs: Sequence[Frames], first: Effects) -> Array:
     """Std (n,) of a balance's coefficients from frame to frame, √W, of largest restricted likelihood, by
     Schall's algorithm (1991, doi 10.1093/biomet/78.4.719), from what was assumed `first`. What is the load's
     stays as it was: simulated loads are simpler than real ones."""
     own, variance = BALANCES[name].own, np.square(first.wander)
     least = np.square(LEAST_WANDER * first.within)
     priors = [np.diag(1.0 / (np.square(first.units) + first.between_logs(c))) for _, c in logs]
-    for _ in range(iterations):
+    for _ in range(WANDER_ITERATIONS):
         squares, expected = np.zeros((2, variance.size))
         for ((information, vector, *_), _), prior in zip(logs, priors, strict=True):
             m, v = marginalised(information, vector, np.sqrt(variance))
