@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -148,17 +147,14 @@ def with_accumulator(unit: Unit, oil_temperatures: Range, margin: float = MARGIN
     return unit.model_copy(update={"accumulator": changed})
 
 
-@dataclass
 class Scale:
     """How much larger a machine that was drawn as a whole is than axis A, as factors.
 
     Without a `unit` all are 1: of the machines that recipes' ranges are made for.
     """
 
-    unit: Unit | None = None
-
-    def __post_init__(self) -> None:
-        unit = self.unit
+    def __init__(self, unit: Unit | None = None) -> None:
+        self.unit = unit
 
         def over(size: Callable[[Unit], float]) -> float:
             return 1.0 if unit is None else size(unit) / size(Unit.load(AXIS))
