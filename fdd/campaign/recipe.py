@@ -118,12 +118,6 @@ class Recipe(Validated):
     licence, cite : what the data set's card says of them.
 
     An InputError names the field that is not possible, and what is allowed.
-
-    Examples
-    --------
-    >>> recipe = Recipe(schema="fdd.recipe/1", units=2, logs_per_unit=3, faults={"aeration": {}})
-    >>> recipe.number
-    6
     """
 
     schema_: Literal["fdd.recipe/1"] = Field(alias="schema")
@@ -206,14 +200,7 @@ class Recipe(Validated):
         return self
 
     def laws_of(self, name: str) -> tuple[str, ...]:
-        """Laws that a fault is drawn by, each as likely; () for one that has none.
-
-        Examples
-        --------
-        >>> recipe = Recipe(schema="fdd.recipe/1", faults={"coupling_wear": {}}, laws="unseen")
-        >>> recipe.laws_of("coupling_wear")
-        ('play', 'bent')
-        """
+        """Laws that a fault is drawn by, each as likely; () for one that has none."""
         every, own = tuple(CATALOGUE[name].laws), self.faults[name].laws
         return own or {"first": every[:1], "all": every, "unseen": every[1:] or every}[self.laws]
 

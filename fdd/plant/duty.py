@@ -224,12 +224,6 @@ class Levels(Duty):
         control. The first one's set-point holds from the end of the rest.
     linear : straight lines between the points instead of steps.
     amplitude, speed : taken from the points.
-
-    Examples
-    --------
-    >>> duty = Levels(points="0:0.02/1:-0.05")
-    >>> duty.amplitude, duty.setpoint(1500, True, np.random.default_rng(0))[[0, 999, 1000]]
-    (0.05, array([ 0.02,  0.02, -0.05]))
     """
 
     name: Literal["levels"] = "levels"
