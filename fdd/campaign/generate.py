@@ -61,18 +61,13 @@ def generate(
     recipe: Recipe, directory: str | Path, *, workers: int | None = 1, progress: Progress | None = None,
     engine: Engine = "local",
 ) -> Path:  # fmt: skip
-    """Simulate everything that a recipe asks for and write it as a data set.
+    """Simulate everything that a recipe asks for and write it as a data set, into a folder that is made if
+    need be; where it holds the beginning of the same data set, its finished logs are kept.
 
-    An InputError where the folder holds something else, can't be written, or a scenario can't be simulated;
-    logs that were finished are kept.
-
-    Parameters
-    ----------
-    directory : of the data set; made if need be. If it holds the beginning of the same data set,
-        its finished logs are kept.
-    workers, engine : see `fdd.engines.map_unordered`. A script that asks for more workers than one must keep
-        its call under ``if __name__ == "__main__":``, as processes are spawned.
-    progress : called with (done, total) after each run, baselines included.
+    An InputError where the folder holds something else, can't be written, or a scenario can't be simulated.
+    `progress` is called with (done, total) after each run, baselines included. `workers`, `engine`: see
+    `fdd.engines.map_unordered`. A script that asks for more workers than one must keep its call under
+    ``if __name__ == "__main__":``, as processes are spawned.
     """
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", mend="use 1 or more")

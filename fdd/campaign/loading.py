@@ -149,8 +149,6 @@ class LabelledData:
     ) -> tuple[NDArray[np.float64], Strings, Strings]:
         """What scikit-learn takes, of a `split` or of all units; an InputError where there are no features.
 
-        Returns
-        -------
         X (n, k) features, SI, NaN where a log tells nothing; y (n,) true faults or families as `target` says,
         or ``healthy``; groups (n,) units.
         """

@@ -186,12 +186,9 @@ def fitting_duty(
 ) -> tuple[Duty, Control]:  # fmt: skip
     """Draw a duty of that kind which the unit's stroke, areas, displacement and drive allow, and its control.
 
-    Parameters
-    ----------
-    ranges : parameter to range, where the duty's usual ones are not wanted.
-    speed : speed control is wanted; ignored where the duty leaves no choice.
-    gain : of the position loop, (rad/s)/m.
-    scale : of a machine of another size than the ranges are made for.
+    `ranges` are those of parameters whose usual ones are not wanted, `scale` that of a machine of another
+    size than they are made for. Speed control comes where it is wanted and the duty leaves the choice; `gain`
+    is the position loop's, (rad/s)/m.
     """
     kind = DUTIES[name]
     drawn: dict[str, Any] = {}

@@ -132,11 +132,8 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
 
 def likeliest_odds(roots: Array, hidden: Array, healthy: int) -> tuple[float, float, float]:
     """Slope, midpoint and power of `odds_of`, of largest likelihood for logs of which the first ones are
-    healthy, both kinds of one weight; a normal prior holds the slope where they are apart.
-
-    Parameters
-    ----------
-    roots, hidden : (n,) of the logs' scores, and shares of faults that each could not have shown.
+    healthy, both kinds of one weight; a normal prior holds the slope where they are apart. `roots` (n,) are
+    of the logs' scores, `hidden` (n,) shares of faults that each could not have shown.
     """
     sign = np.where(np.arange(roots.size) < healthy, 1.0, -1.0)
     weight = np.where(sign > 0.0, 0.5 / healthy, 0.5 / (roots.size - healthy))

@@ -194,7 +194,9 @@ def run(
     first: Constants, second: Constants, control: Constants, late: NDArray[np.int64], per_allowed: Array,
     longest: float,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Run the plant for as many milliseconds as there are conditions.
+    """Run the plant for as many milliseconds as there are conditions. Gives states (m, states) and findings
+    (m, axes·FINDINGS) at the sampling times, and commands (n, 2); NaN from where the state has left all
+    bounds.
 
     Parameters
     ----------
@@ -207,11 +209,6 @@ def run(
     late : (m,) parts of its period by which each sample is taken late, 0 to `LATE_PARTS` - 1; m is n, or a
         multiple where more than one sample is taken each millisecond.
     per_allowed, longest : one over the error allowed for each state over a step, and the longest step (s).
-
-    Returns
-    -------
-    states (m, states), findings (m, axes·FINDINGS) at the sampling times and commands (n, 2); NaN from
-    where the state has left all bounds.
     """
     n, axes, depth = conditions.shape[0], conditions.shape[1], past.shape[1]
     each = late.size // n if n > 0 else 1
