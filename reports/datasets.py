@@ -75,16 +75,16 @@ def diagnosed(unit: Unit, log: Samples, model: Model, without: tuple[str, ...] =
 
 def budget(data: Dataset, name: str, model: Model) -> list[Said | Departure]:
     """Answers on all logs, and departures of all healthy logs and twins from the unit's baseline."""
-    logs = healthy_logs(data, name, model.spreads)
+    unit, _, healthy = healthy_logs(data, name, model.spreads)
     out: list[Said | Departure] = []
     for entry in data.logs_of(name):
-        pipeline = Pipeline(logs.unit, model, keep_trajectories=False)
+        pipeline = Pipeline(unit, model, keep_trajectories=False)
         pipeline.push(data.samples(entry))
         found = pipeline.finish()
         faults = tuple((f.fault, tuple(f.ambiguity)) for f in found.faults)
         gain = max((f.gain / max(f.overdispersion, 1.0) for f in pipeline.fitted), default=0.0)
         out.append(Said(entry, found.verdict, pipeline.score, gain, faults))
-    for file, history in logs.healthy:
+    for file, history in healthy:
         out += _departures(file, history)
     return out
 

@@ -235,32 +235,26 @@ def identified_unit(data: Dataset, unit: str, spreads: Spreads | None = None) ->
     return add_baseline(identify_unit(runs, data.base_unit(unit), unit).unit, runs, spreads)
 
 
-@dataclass(frozen=True)
-class HealthyLogs:
-    """A unit's profile, its baseline logs' balances, and its healthy logs' and twins' by file."""
-
-    unit: Unit
-    baseline: list[BalanceHistory]
-    healthy: list[tuple[str, BalanceHistory]]
-
-
-def healthy_logs(data: Dataset, name: str, spreads: Spreads | None = None) -> HealthyLogs:
-    """A unit of a data set, identified from its own baseline; with a model's `spreads`, else the shipped."""
+def healthy_logs(
+    data: Dataset, name: str, spreads: Spreads | None = None
+) -> tuple[Unit, list[BalanceHistory], list[tuple[str, BalanceHistory]]]:
+    """A unit of a data set, identified from its own baseline with a model's `spreads`, else the shipped: its
+    profile, its baseline logs' balances, and its healthy logs' and twins' by file."""
     runs = data.baseline(name)
     unit = identify_unit(runs, data.base_unit(name), name).unit
     baseline = histories_of(unit, runs)
     unit.baseline = baseline_of(baseline, spreads=spreads)
     effects = effects_of(unit, spreads)
     logs = ((e.file, data.samples(e) if e.healthy else data.twin(e)) for e in data.logs_of(name))
-    return HealthyLogs(unit, baseline, [(f, history_of(log, unit, effects)) for f, log in logs if log])
+    return unit, baseline, [(f, history_of(log, unit, effects)) for f, log in logs if log]
 
 
 def _frames(data: Dataset, unit: str) -> list[dict[str, list[Frames]]]:
-    logs = healthy_logs(data, unit)
+    profile, baseline, healthy = healthy_logs(data, unit)
     out: dict[str, list[Frames]] = {}
     for name, balance in BALANCES.items():
-        known = None if logs.unit.baseline is None else logs.unit.baseline.balances.get(name)
-        for history in [*logs.baseline, *(x for _, x in logs.healthy)]:
+        known = None if profile.baseline is None else profile.baseline.balances.get(name)
+        for history in [*baseline, *(x for _, x in healthy)]:
             conditions = history.conditions(name)
             if conditions is None:
                 continue
