@@ -18,7 +18,7 @@ from fdd.faults import CATALOGUE
 from fdd.plant import Programme
 from fdd.plant.duty import DUTIES, ConstantSpeed, Duty, Mission
 from fdd.plant.faults import STATE_BORNE, FaultScales, FaultSpec
-from fdd.plant.rig import LOADS, ChangingLoad, Load
+from fdd.plant.rig import LOADS, ChangingLoad, Load, PressLoad
 from fdd.plant.scenario import Control, Scenario
 from fdd.unit import Unit
 
@@ -140,9 +140,9 @@ def _on_loaded_side(spec: FaultSpec, load: Load, offset: float, unit: Unit) -> F
     """A stuck check valve moved to the chamber that the load's mean force presses on, if it does."""
     if spec.fault != "check_valve_stuck_open":
         return spec
-    spring = load.stiffness * (offset - load.centre)
-    level = getattr(load, "level", 0.0)
-    force = (level if isinstance(level, float) else 0.0) + (max(spring, 0.0) if load.one_sided else spring)
+    rate, slack, level = (getattr(load, name, 0.0) for name in ("rate", "slack", "level"))
+    spring = max(rate * (offset - slack), 0.0) if isinstance(load, PressLoad) else rate * (offset - slack)
+    force = (level if isinstance(level, float) else 0.0) + spring
     if abs(force) < ONE_SIDED_PRESSURE * unit.cylinder.area_1:
         return spec
     return spec.model_copy(update={"side": 1 if force > 0.0 else 2})

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 from fdd.errors import InputError
 from fdd.plant import Constants, Ranges, Validated
 from fdd.plant.oil import ATMOSPHERE, BUNSEN, SOFTENING, VAPOUR_PRESSURE, stiff_bulk_modulus, viscosity
-from fdd.plant.rig import Circuit, Load
+from fdd.plant.rig import Circuit, Load, PressLoad
 from fdd.unit import Drive, Unit
 
 FrictionLaw = Literal["elastoplastic", "lugre", "dahl", "smooth"]
@@ -225,7 +225,7 @@ def plant_parameters(
     dissolves = float(details.air_law == "dissolving")
     left = 1.0 - 0.9 * dissolves * min(oil.reference_pressure / details.dissolving_pressure, 1.0)
     ahead, back = friction_draw
-    loads = {"added": 0.0, "gap": 0.0, "pressure": 0.0, **_numbers(load)}
+    loads = dict.fromkeys(("added", "gap", "pressure", "rate", "slack"), 0.0) | _numbers(load)
     forward, reverse = unit.friction.forward, unit.friction.reverse
     area = 0.5 * (cylinder.area_1 + cylinder.area_2)
     volume = 0.25 * (cylinder.volume_1 + cylinder.volume_2)
@@ -295,9 +295,9 @@ def plant_parameters(
         "winding_rate": 1.0 / details.winding_time,
         "continuous_current": details.continuous_share * drive.current_limit,
         # Load.
-        "spring": load.stiffness, "spring_centre": load.centre, "spring_play": 0.5 * loads["gap"],
+        "spring": loads["rate"], "spring_centre": loads["slack"], "spring_play": 0.5 * loads["gap"],
         # 1 where the spring only presses, beyond its centre.
-        "one_sided": float(load.one_sided),
+        "one_sided": float(isinstance(load, PressLoad)),
         # Pressure drop over the square root of which the partner's flow goes: R of Δp = R·Q².
         "throttle": loads["pressure"] / (100.0 * pump.displacement) ** 2,
         "partner_area": area if loads["pressure"] > 0.0 else 0.0,

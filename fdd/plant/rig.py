@@ -22,25 +22,11 @@ _CONTROL_RATE = 1000.0
 
 
 class Load(Validated):
-    """What the plant reads of every load, from its kind's own parameters; `force` goes with time."""
+    """What every load has; the plant reads the parameters of its kind by name: `rate` (N/m) of a spring,
+    which is slack at `slack` (m), its `gap`, an `added` mass, a throttle's `pressure`."""
 
     usual: ClassVar[Ranges] = {}
     """Ranges that a campaign draws from."""
-
-    @property
-    def stiffness(self) -> float:
-        """N/m of a spring on the rod."""
-        return getattr(self, "rate", 0.0)
-
-    @property
-    def centre(self) -> float:
-        """m, where that spring is slack."""
-        return getattr(self, "slack", 0.0)
-
-    @property
-    def one_sided(self) -> bool:
-        """Whether the spring only presses."""
-        return isinstance(self, PressLoad)
 
     def force(self, n: int, rng: np.random.Generator) -> Array:
         """(n,) N, the part that depends on time alone, one value per millisecond."""
