@@ -126,18 +126,7 @@ class Action:
 
 
 class AlarmBook:
-    """All alarms of all axes that are not over, numbered from 1 on.
-
-    Examples
-    --------
-    >>> book = AlarmBook()
-    >>> leak = FaultFinding(fault="pump_wear", family="leakage", ambiguity=["pump_wear"], confidence=0.9,
-    ...                     onset_s=3.0, detected_s=15.0, severity=0.6)
-    >>> [(t.action, t.alarm.state, t.alarm.priority) for t in book.update("A1", 15.0, 1.7e9, [leak])]
-    [('RAISED', 'UNACK', 'high')]
-    >>> book.act(Action("acknowledge", 1, "ann", "on my way"), 1.7e9 + 60.0).alarm.state
-    'ACKED'
-    """
+    """All alarms of all axes that are not over, numbered from 1 on."""
 
     def __init__(self) -> None:
         self._alarms: dict[int, Alarm] = {}
@@ -288,28 +277,13 @@ class AlarmBook:
 
 
 def severity_level(finding: FaultFinding) -> int:
-    """How many of `LEVELS` the fault's severity surely passed: the lower end of its 80 % interval counts.
-
-    Examples
-    --------
-    >>> leak = dict(fault="pump_wear", family="leakage", ambiguity=["pump_wear"], onset_s=0.0, detected_s=9.0)
-    >>> severity_level(FaultFinding(**leak, confidence=0.9, severity=0.6, severity_interval=(0.5, 0.7)))
-    2
-    """
+    """How many of `LEVELS` the fault's severity surely passed: the lower end of its 80 % interval counts."""
     least = finding.severity_interval[0] if finding.severity_interval else finding.severity
     return UNSIZED_LEVEL if least is None else bisect_right(LEVELS, least)
 
 
 def priority_of(finding: FaultFinding) -> Priority:
-    """One of `PRIORITIES`. Faults that look alike count as the worst of them.
-
-    Examples
-    --------
-    >>> leak = dict(family="leakage", onset_s=0.0, detected_s=9.0, severity=0.3)
-    >>> [priority_of(FaultFinding(**leak, fault=f, ambiguity=[f], confidence=0.9))
-    ...  for f in ("pump_wear", "external_leakage")]
-    ['medium', 'high']
-    """
+    """One of `PRIORITIES`. Faults that look alike count as the worst of them."""
     up = bool(AT_ONCE & {finding.fault, *finding.ambiguity})
     place = severity_level(finding) + up - (finding.confidence < DOUBTED)
     return PRIORITIES[min(max(place, 0), len(PRIORITIES) - 1)]

@@ -61,11 +61,6 @@ class Look:
 class Learning(Restorable):
     """Gather the balances of a unit without baseline, until it has worked for so many seconds; its state is
     in `bins` and `history`.
-
-    Examples
-    --------
-    >>> Learning(Unit.load("axis_a"), 1200.0).learnt() is None
-    True
     """
 
     STATE = ("bins", "history")

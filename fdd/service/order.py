@@ -49,15 +49,6 @@ class Order(Restorable):
     clock : `offset` (s) is what is added to the sender's stamps, `resets` how often it was set.
     gaps : of what was passed on: rows missing on the grid of the period (`dropped`), longer holes (`jumps`).
     counts : samples received, repeated, late; blocks reordered; sequence numbers that never came in time.
-
-    Examples
-    --------
-    >>> order = Order()
-    >>> def block(n): return Block("A1", Samples([n * 0.1], {"position": [0.01 * n]}), n, 0.0)
-    >>> [order.take([block(n)]).time.tolist() for n in (0, 2, 1, 1)]
-    [[0.0], [], [0.1, 0.2], []]
-    >>> order.counts["repeated"], order.counts["reordered"]
-    (1, 1)
     """
 
     STATE = (

@@ -80,13 +80,7 @@ class Webhook(Target):
 
 
 def signature(secret: bytes, stamp: str, body: bytes) -> str:
-    """HMAC-SHA256 over ``stamp.body``, as X-Fdd-Signature carries it.
-
-    Examples
-    --------
-    >>> signature(b"key", "1700000000", b"{}")[:20]
-    'sha256=9d713ed406bb7'
-    """
+    """HMAC-SHA256 over ``stamp.body``, as X-Fdd-Signature carries it."""
     return "sha256=" + hmac.new(secret, stamp.encode() + b"." + body, hashlib.sha256).hexdigest()
 
 

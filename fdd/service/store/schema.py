@@ -160,13 +160,7 @@ class Checkpoint:
 
 
 def packed(arrays: Mapping[str, NDArray[Any]]) -> tuple[bytes, str]:
-    """What is stored of named arrays, and its SHA-256; NumPy's own archive takes ten times as long.
-
-    Examples
-    --------
-    >>> unpacked(*packed({"a": np.array([[1.0, 2.0]]), "b": np.array([], dtype=np.uint8)}), where="fdd.db")
-    {'a': array([[1., 2.]]), 'b': array([], dtype=uint8)}
-    """
+    """What is stored of named arrays, and its SHA-256; NumPy's own archive takes ten times as long."""
     head = orjson.dumps([(name, a.dtype.str, a.shape) for name, a in arrays.items()])
     body = b"".join([len(head).to_bytes(8, "little"), head, *(a.tobytes() for a in arrays.values())])
     small = len(body).to_bytes(8, "little") + _CODEC.compress(body, asbytes=True)
@@ -206,25 +200,12 @@ class Rollup:
     max: float
 
     def over(self, level: str) -> Rollup:
-        """The same, of the span of a level that it belongs to.
-
-        Examples
-        --------
-        >>> Rollup("A1", "leakage", 7325.0, 1, 2.0, 0.0, 2.0, 2.0).over("hour").start_wall
-        7200.0
-        """
+        """The same, of the span of a level that it belongs to."""
         span = SPANS_S[level]
         return replace(self, start_wall=math.floor(self.start_wall / span) * span)
 
     def merged(self, other: Rollup) -> Rollup:
-        """Both parts together, by Chan, Golub and LeVeque's update (1979), which loses no digits.
-
-        Examples
-        --------
-        >>> one, two = (Rollup("A1", "leakage", 0.0, n, m, 0.0, m, m) for n, m in ((1, 2.0), (3, 6.0)))
-        >>> both = one.merged(two); both.n, both.mean, round(both.std, 3)
-        (4, 5.0, 1.732)
-        """
+        """Both parts together, by Chan, Golub and LeVeque's update (1979), which loses no digits."""
         n, apart = self.n + other.n, other.mean - self.mean
         square = (self.n * self.std**2 + other.n * other.std**2 + apart**2 * (self.n * other.n / n)) / n
         return replace(
