@@ -98,14 +98,6 @@ class Replay:
 class LineParser:
     """Turn lines into samples, by a channel map as `StreamMap` takes it, and remember what was odd:
     `malformed` lines were no JSON object with a time and numbers.
-
-    Examples
-    --------
-    >>> parser = LineParser()
-    >>> parser.samples([b'{"time": 0.5, "position": 0.01}', b'nonsense'])["position"].tolist()
-    [0.01]
-    >>> parser.malformed
-    1
     """
 
     def __init__(self, channel_map: ChannelMap | None = None) -> None:

@@ -38,13 +38,7 @@ REST_KEPT = 0.8
 
 
 def split_lines(tail: bytes, chunk: bytes, ended: bool) -> tuple[list[bytes], bytes, int]:
-    """Whole lines of the last call's rest and what came, the new rest, and how many were dropped as too long.
-
-    Examples
-    --------
-    >>> split_lines(b'{"a"', b': 1}\\n{"a": 2', False)
-    ([b'{"a": 1}'], b'{"a": 2', 0)
-    """
+    """Whole lines of the rest before and what came, the new rest, and how many were left out as too long."""
     first, *more = chunk.split(b"\n")
     # Of a line without end no more is copied than tells that it is too long.
     *whole, rest = [tail if len(tail) > MAX_LINE_BYTES else tail + first, *more]
@@ -128,13 +122,6 @@ class StreamClock(Restorable):
 
     `last_time`: s, of the last row given; `offset`: s, added to the sender's stamps; `late`: rows that came
     late or again; `resets`: times that the clock was set.
-
-    Examples
-    --------
-    >>> clock = StreamClock()
-    >>> times, kept = clock.follow(np.array([5.0, 5.1, 5.1, 0.0, 0.1]))
-    >>> times[kept].round(3).tolist(), clock.late, clock.resets
-    ([5.0, 5.1, 6.1, 6.2], 1, 1)
     """
 
     STATE = ("last_time", "offset", "late", "resets")
@@ -185,14 +172,6 @@ class Gaps(Restorable):
     `dropped`, `jumps`: rows missing on the grid of the period; gaps of more than `JUMP_PERIODS` periods.
     `period`: s; NaN until `PERIOD_STEPS` steps have told it. `rest`: periods that rounding left over; see
     `grid_steps`. `waiting`: s, the last rows' times: what the next ones are counted from.
-
-    Examples
-    --------
-    >>> gaps = Gaps()
-    >>> for part in np.split(np.delete(np.arange(300) * 0.001, [150, 151]), [40, 200]):
-    ...     gaps.count(part)
-    >>> gaps.dropped, gaps.jumps
-    (2, 0)
     """
 
     STATE = ("dropped", "jumps", "period", "rest", "waiting")

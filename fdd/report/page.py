@@ -264,11 +264,5 @@ def write_bundle(folder: Path) -> None:
 
 
 def _source_hash(script: bytes) -> str:
-    """A script as a Content-Security-Policy names it.
-
-    Examples
-    --------
-    >>> _source_hash(b"")
-    "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
-    """
+    """A script as a Content-Security-Policy names it."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script).digest()).decode('ascii')}'"

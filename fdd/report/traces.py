@@ -145,14 +145,6 @@ def decimate(time: Column, values: Column, buckets: int = BUCKETS) -> tuple[Colu
     Jugel et al., doi:10.14778/2732951.2732953, with missing values kept as breaks. Of increasing `time` (n,)
     and `values` (n,), NaN where missing, each of `buckets` of equal length keeps at most `KEPT_PER_BUCKET`
     points, four where none is missing.
-
-    Examples
-    --------
-    >>> t = np.arange(100_000) * 1e-3
-    >>> x = np.zeros_like(t); x[4321] = 1.0
-    >>> kept_t, kept_x = decimate(t, x, buckets=500)
-    >>> kept_x.size <= 2000, kept_x.max(), round(float(kept_t[kept_x.argmax()]), 3)
-    (True, np.float64(1.0), 4.321)
     """
     n = values.size
     if n <= 4 * buckets:
@@ -217,13 +209,7 @@ def break_at_gaps(time: Column, values: Column) -> tuple[Column, Column]:
 
 
 def intervals(time: Column, mask: NDArray[np.bool_], at_most: int = 150) -> list[tuple[float, float]]:
-    """Stretches of `time` (n,) where `mask` (n,) holds, close neighbours joined until there are so few.
-
-    Examples
-    --------
-    >>> intervals(np.arange(5.0), np.array([True, True, False, False, True]))
-    [(0.0, 2.0), (4.0, 4.0)]
-    """
+    """Stretches of `time` (n,) where `mask` (n,) holds, close neighbours joined until there are so few."""
     edges = np.diff(np.concatenate(([0], mask.astype(np.int8), [0])))
     begin, end = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if not begin.size:
