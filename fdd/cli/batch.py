@@ -31,14 +31,9 @@ ANSWERS, SUMMARY, INDEX, REPORTS = "answers.jsonl", "summary.csv", "index.html",
 
 
 def find_logs(given: Sequence[Path], leave_out: Path | None = None) -> list[Path]:
-    """The logs that a command line means, each once.
-
-    Parameters
-    ----------
-    given : files, taken whether they are there or not; and folders, for all logs below them in order of their
-        names, hidden ones left out. An InputError where there are none.
-    leave_out : a folder to skip in folders: that of the answers.
-    """
+    """The logs that a command line means, each once: files, whether they are there or not, and all logs below
+    folders in order of their names, but for hidden ones and the folder of answers (`leave_out`). An
+    InputError where there are none."""
     found: dict[str, Path] = {}
     for path in given:
         for log in _below(path, leave_out) if path.is_dir() else [path]:

@@ -182,17 +182,11 @@ def write_simulation(
     path: Path, unit: Unit, scenario: Scenario, *, partner: Unit | None = None, truth: bool = True,
     advance: Advance = lambda done: None,
 ) -> None:  # fmt: skip
-    """Simulate a run into a log, as `fdd.plant.simulate.simulate`.
+    """Simulate a run into a log: MCAP, which holds both axes, and the `truth` beside the measurement if it is
+    asked for; or Parquet or CSV, a file for each axis, with its name in the file's. `advance` is told how
+    many milliseconds are done.
 
-    Parameters
-    ----------
-    path : MCAP, which holds both axes, or Parquet or CSV: one file for each, with the axis in its name.
-    truth : write it beside the measurement (MCAP).
-    advance : told how many milliseconds are done.
-
-    Raises
-    ------
-    InputError : as `simulate`; both units are of one axis; or the file cannot be written.
+    Raises InputError: as `fdd.plant.simulate.simulate`, units of one axis, a file that cannot be written.
     """
     require_kind(path)
     from fdd.logs.tabular_writing import axis_file, write_tables
