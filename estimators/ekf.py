@@ -82,7 +82,7 @@ class ExtendedKalmanFilter:
     x : state, (n,) or (n, 1): it keeps the form you give it, and the model functions see it so.
         The default is filterpy's column of zeros.
     P, Q, R : covariances of state (n, n), process noise of one step (n, n), measurement noise
-        (m, m); Q and R may be set to a scalar or to a vector, the diagonal. In units of x and z squared.
+        (m, m); Q and R may be set to a scalar or to a vector, the diagonal.
     F, B, H : (n, n), (n, k) or None, (m, n); the first and last hold the Jacobians in use.
     x_prior, P_prior, x_post, P_post : copies after the last predict and update.
     z, y : last measurement and innovation, NaN where a channel is missing.
@@ -146,13 +146,10 @@ class ExtendedKalmanFilter:
         self, u: ArrayLike | None = None, dt: float | None = None, *, F: ArrayLike | None = None,
         B: ArrayLike | None = None, Q: ArrayLike | None = None,
     ) -> None:  # fmt: skip
-        """Carry state and covariance to the next sample.
+        """Carry state and covariance to the next sample, by a step of length `dt` (s).
 
-        Parameters
-        ----------
-        u : input of the step, given to ``f`` and ``F_jacobian``, or multiplied by ``B``.
-        dt : length of the step in s, given to ``f`` and ``F_jacobian``.
-        F, B, Q : for this step only, in place of the attributes.
+        The input `u` goes to ``f`` and ``F_jacobian``, or is multiplied by ``B``. `F`, `B` and `Q` are for
+        this step only, in place of the attributes.
         """
         n = self.dim_x
         x, P = _vector(self.x, n, "x"), _square(self.P, n, "P")

@@ -55,26 +55,19 @@ def scalar_update(P: Array, h: Array, r: float, k: Array, Ph: Array) -> float:
 def kalman_update_correlated(
     x: Array, P: Array, y: Array, H: Array, R: Array, mask: Mask, K: Array
 ) -> tuple[float, float]:
-    """Kalman update, in place, one channel after the other.
+    """Kalman update of ``x`` (n,) and ``P`` (n, n), in place, one channel after the other.
 
     The channels are made independent first (:func:`decorrelate`). Each is then a scalar update in Joseph
     form, so no matrix is inverted and ``P`` stays symmetric and positive (Bierman 1977, Factorization Methods
     for Discrete Sequential Estimation, ch. II).
 
-    Parameters
-    ----------
-    x, P : (n,), (n, n) prior on entry, posterior on return.
-    y : (m,) innovation at the prior; may be NaN where masked out. Not changed.
-    H, R : (m, n), (m, m) Jacobian at the prior, and noise.
-    mask : (m,) False skips a channel.
-    K : (n, m) filled with the gain for the original channels, zero where masked.
+    ``y`` (m,) is the innovation and ``H`` (m, n) the Jacobian at the prior, ``R`` (m, m) the noise; ``mask``
+    (m,) is False for a channel to skip, whose ``y`` may be NaN. ``K`` (n, m) is filled with the gain for the
+    original channels, zero where masked.
 
-    Returns
-    -------
-    nis : normalised innovation squared ``y' S^-1 y`` over the channels used; chi-square with as many
-        degrees of freedom when the filter is consistent. Infinite when a channel that can have no error
-        (``h P h' + r = 0``) has one.
-    log_likelihood : ``log N(y; 0, S)`` over the channels used; 0 when there are none.
+    Returns the normalised innovation squared ``y' S^-1 y`` of the channels used, chi-square with as many
+    degrees of freedom when the filter is consistent, infinite when a channel that can have no error
+    (``h P h' + r = 0``) has one; and ``log N(y; 0, S)`` of them, 0 when there are none.
 
     Examples
     --------
@@ -132,19 +125,14 @@ def svsf_gain(
     Channels that measure the same combination of states make ``H P H'`` singular; then a
     share :data:`TIE_BREAK` of ``R`` is added to it, which weighs them by their noise.
 
-    Parameters
-    ----------
-    PHt, HPHt : (n, m), (m, m) from :func:`estimators.linalg.project`.
-    R, e, psi : (m, m), (m,), (m,) noise, innovation, boundary layer (limit, > 0) in channel units.
-    e_post : (m,) posterior error of the previous step.
-    gamma : memory, 0 <= gamma < 1.
-    variable : the Kalman gain as long as every ``psi_k <= psi``.
-    K, psi_k, outside : (n, m), (m,), (m,) results: gain, diagonal of the optimal layer, ``|e| > psi``.
+    ``PHt`` (n, m) and ``HPHt`` (m, m) are those of :func:`estimators.linalg.project`; ``R`` (m, m) is the
+    noise, ``e`` and ``e_post`` (m,) the innovation and the posterior error of the step before, ``psi`` (m,)
+    the boundary layer (> 0), ``gamma`` the memory. ``variable`` asks for the Kalman gain as long as every
+    ``psi_k <= psi``. Fills the gain ``K`` (n, m), the diagonal ``psi_k`` (m,) of the optimal layer, and
+    ``outside`` (m,), ``|e| > psi``.
 
-    Returns
-    -------
-    switched : False where the Kalman gain is to be used and ``K`` is not filled: inside the limit, or with no
-        noise and no uncertainty in ``H P H'``.
+    Returns False where the Kalman gain is to be used and ``K`` is not filled: inside the limit, or with no
+    noise and no uncertainty in ``H P H'``.
     """
     n, m = PHt.shape
     L, S = np.zeros((m, m)), HPHt + R

@@ -96,9 +96,7 @@ class Observability:
     window : s, > 0, over which information is counted. It moves on by tenths of itself, so the last nine
         tenths of it count, and of the tenth before what there is since its begin.
 
-    Raises
-    ------
-    ValueError : limits in the wrong order, or a window that is not positive.
+    Raises ValueError: limits in the wrong order, or a window that is not positive.
 
     Examples
     --------
@@ -133,7 +131,7 @@ class Observability:
         self, time: ArrayLike, values: Mapping[str, ArrayLike], stds: Mapping[str, ArrayLike],
         drifts: Mapping[str, Drift] | None = None,
     ) -> dict[str, Observed]:  # fmt: skip
-        """Take the next records.
+        """Take the next records; what each quantity shows at them.
 
         Parameters
         ----------
@@ -143,14 +141,8 @@ class Observability:
         drifts : how each may change; without an entry it is :data:`STEADY`. That of a record holds since
             the record before.
 
-        Returns
-        -------
-        What each quantity shows at these records.
-
-        Raises
-        ------
-        ValueError : a quantity missing, shapes that differ, a negative standard deviation or rate, or time
-            running backwards. Nothing is taken then.
+        Raises ValueError: a quantity missing, shapes that differ, a negative standard deviation or rate, or
+            time running backwards. Nothing is taken then.
         """
         t = np.atleast_1d(np.asarray(time, dtype=np.float64))
         if t.ndim != 1 or not np.isfinite(t).all():
@@ -195,12 +187,8 @@ class Observability:
         return {"time": self._time.copy(), "carried": self._carried.copy()}
 
     def restore(self, state: Mapping[str, ArrayLike]) -> None:
-        """Take a state back that `state` gave, for the same quantities.
-
-        Raises
-        ------
-        ValueError : a state of other quantities; nothing is taken then.
-        """
+        """Take a state back that `state` gave; a ValueError, and nothing is taken, where it is of other
+        quantities."""
         time = np.asarray(state["time"], dtype=np.float64)
         carried = np.asarray(state["carried"], dtype=np.float64)
         if time.shape != self._time.shape or carried.shape != self._carried.shape:

@@ -56,9 +56,7 @@ class SVSF(ExtendedKalmanFilter):
     switched : True when the last update applied the SVSF's gain and not the Kalman gain.
     chattering : (m,) share of the updates so far with ``outside``, NaN before the first.
 
-    Raises
-    ------
-    ValueError : as the base class, and for a psi, gamma or boundary_layer that does not fit.
+    Raises ValueError: as the base class, and for a psi, gamma or boundary_layer that does not fit.
 
     Examples
     --------

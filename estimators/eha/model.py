@@ -182,13 +182,10 @@ def step(
     measurement will put velocity and speed (as an iterated EKF does, Bell and Cathey 1993, doi
     10.1109/9.250476), or these parameters would learn from prediction errors.
 
-    Parameters
-    ----------
-    x, h, p_acc : (20,) state; step, ms; accumulator pressure, MPa. viscosity : oil's over the reference's.
-    v_at, w_at : velocity and speed over the step to linearise at; NaN for the prediction's.
-    out, F : (20,) the state after the step, (20, 20) ∂out/∂x.
-    G : (20, 4) what unit noise on velocity (mm/ms), pump speed (rad/ms) and on each chamber's
-        volume (mm³) does to the state.
+    From the state `x` (20,), over `h` ms, at the accumulator pressure `p_acc` (MPa) and the oil's `viscosity`
+    over the reference's; linearised at velocity `v_at` and speed `w_at` over the step, NaN for the
+    prediction's. Fills `out` (20,), the state after the step, `F` (20, 20), ∂out/∂x, and `G` (20, 4), what
+    unit noise on velocity (mm/ms), pump speed (rad/ms) and each chamber's volume (mm³) does to the state.
     """
     F[:, :] = 0.0
     G[:, :] = 0.0

@@ -79,16 +79,10 @@ class EhaTracker:
         self._e_post = np.zeros(MEASUREMENTS)
 
     def push(self, block: Array) -> Records:
-        """Process the rows of a block.
+        """Process the rows of a block (n, 9); (k,) one `layout.RECORD` per `decimation` samples.
 
-        Parameters
-        ----------
-        block : (n, 9) time s, position m, pump angle rad, pump speed rad/s, pressures 1 and 2,
-            pressure difference, accumulator pressure (Pa), viscosity over the reference's.
-
-        Returns
-        -------
-        (k,) one `layout.RECORD` per `decimation` samples.
+        Columns: time s, position m, pump angle rad, pump speed rad/s, pressures 1 and 2, pressure difference,
+        accumulator pressure (Pa), viscosity over the reference's.
         """
         records = np.empty(block.shape[0] // self.decimation + 1, RECORD)
         n = track(
