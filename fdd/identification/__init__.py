@@ -41,12 +41,9 @@ class Estimate:
 def huber(
     m: Array, y: Array, limit: float, *, rounds: int = 10, least: float = 0.0, rcond: float | None = None
 ) -> tuple[Array, Array]:
-    """Least squares with a Huber loss, by reweighting: (k,) solution, (n,) square roots of the weights.
+    """Least squares of `m` (n, k) to `y` (n,) with a Huber loss: (k,) solution, (n,) roots of the weights.
 
-    Parameters
-    ----------
-    m, y : (n, k) and (n,). limit : robust standard deviations from which a residual counts less.
-    least : standard deviation, as `y`, that is there in any case. rcond : of `numpy.linalg.lstsq`.
+    A residual counts less from `limit` robust standard deviations on; `least`, as `y`, is there in any case.
     """
     largest = np.abs(m).max(axis=0)
     scale = np.where(largest > 0.0, largest, 1.0)
@@ -87,25 +84,20 @@ class TableRow:
 
 @dataclass
 class Identification:
-    """Result of `identify_unit`: puts numbers into the profile, with provenance, and keeps the table.
-
-    Attributes
-    ----------
-    unit : the base's copy with the identified numbers, each with `source` and standard deviation.
-    table : what changed and what did not.
-    notes : one sentence each: what was kept and why, what the numbers rest on.
-    leakage : total of cross-port and half the case leakage; None where it stays the base's.
-    """
+    """Result of `identify_unit`: puts numbers into the profile, with provenance, and keeps the table."""
 
     unit: Unit
+    """The base's copy with the identified numbers, each with `source` and standard deviation."""
     base: Unit
     source: str
     table: list[TableRow] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    """One sentence each: what was kept and why, what the numbers rest on."""
     leakage: Estimate | None = None
+    """Total of cross-port and half the case leakage; None where it stays the base's."""
 
     def put(self, path: str, estimate: Estimate, note: str = "") -> None:
-        """Set the number at a dotted path, with its source and standard deviation (SI)."""
+        """Set the number at a dotted path, SI."""
         section, name, row = self._find(path)
         value, std = float(estimate.value), float(estimate.std)
         setattr(section, name, value)

@@ -44,33 +44,28 @@ ROUNDS = 8
 
 @dataclass(frozen=True)
 class BalanceFit:
-    """What the volume balances say, SI.
-
-    Attributes
-    ----------
-    displacement : with the base's area_1. area_2 : None where the base's fits.
-    cross_port, case, total_leakage : m³/(s·Pa) at the reference temperature.
-    bulk_modulus : Pa, effective, at the reference pressure. air_fraction : 1.
-    theta : (9,) the solution, in units of `fdd.identification.volume_steps.scales`.
-    compliances : (GROUPS, 2) 1/β and α of the jackknife, each without a group of blocks.
-    split_known : whether cross-port and case leakage are told apart, rather than split as the base does.
-    air_known : whether α rests on the log rather than on the base.
-    rows : number of steps. signal_over_noise : of the compression term against pressure noise.
-    """
+    """What the volume balances say, SI: with the base's area_1, leakage at the reference temperature, bulk
+    modulus at the reference pressure."""
 
     displacement: Estimate
     area_2: Estimate | None
+    """None where the base's fits."""
     cross_port: Estimate
     case: Estimate
     total_leakage: Estimate
     bulk_modulus: Estimate
     air_fraction: Estimate
     theta: Array
+    """(9,) the solution, in units of `fdd.identification.volume_steps.scales`."""
     compliances: Array
+    """(GROUPS, 2) 1/β and α of the jackknife, each without a group of blocks."""
     split_known: bool
+    """Whether cross-port and case leakage are told apart, rather than split as the base does."""
     air_known: bool
+    """Whether α rests on the log rather than on the base."""
     rows: int
     signal_over_noise: float
+    """Of the compression term against pressure noise."""
 
 
 def fit_balance(
@@ -83,12 +78,9 @@ def fit_balance(
     Standard deviations are jackknifed over time, without the bounds, at which a solution would not move; what
     the prior leaves open is added.
 
-    Parameters
-    ----------
-    steps : rows of all logs. unit : base profile.
-    split : whether the log can tell cross-port from case leakage; else they keep the base's proportion.
-    hidden : whether the chambers' pressures are reconstructed: these tell nothing of how compliance changes
-        with pressure, and air stays the base's.
+    `steps` are the rows of all logs, `unit` is the base. Where no log can `split` cross-port from case
+    leakage they keep the base's proportion. Pressures that are `hidden` are reconstructed: they tell nothing
+    of how compliance changes with pressure, and air stays the base's.
     """
     if steps.y.size < LEAST_ROWS:
         return None

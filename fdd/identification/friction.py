@@ -52,7 +52,7 @@ class BranchFit:
 
 @dataclass(frozen=True)
 class Motion:
-    """Windows of steady motion: force along the motion, speed, direction, where, in which 2 s block and log.
+    """Windows of steady motion: force along it, speed, direction, where, in which 2 s block and log.
 
     Break-aways are left out: the pump starts too fast for the peak to be the static friction.
     """
@@ -86,11 +86,8 @@ def fit_friction(
     """Curves with standard deviations by direction, forward and reverse, but for those where the base's is
     kept; and notes: why, or how it was seen.
 
-    Parameters
-    ----------
-    cylinder : areas (as identified) and moving mass. base : its curves give the shape where the data do not.
-    zero_force : N, standard deviation of the force that the pressure sensors' zeros feign; it shifts
-        both directions' friction, in opposite senses.
+    The curves of `base` give the shape where the data do not. The pressure sensors' zeros feign a force of
+    standard deviation `zero_force` (N), which shifts both directions' friction in opposite senses.
     """
     motion = steady_motion(records, cylinder)
     if gusty(motion, base):

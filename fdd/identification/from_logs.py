@@ -53,13 +53,7 @@ def identify(
     name : of the new profile; by default base, date and hash.
     accept : give a profile that would be refused.
 
-    Returns
-    -------
-    Unit : the profile; `Unit.save` writes it.
-
-    Raises
-    ------
-    InputError : a log cannot be used, or the profile not be trusted, and why.
+    Raises InputError: a log cannot be used, or the profile not be trusted, and why.
 
     Examples
     --------

@@ -44,17 +44,12 @@ def identify_unit(
 
     Volume balances of the chambers give pump gain, leakage and bulk modulus (thesis 5.1, 5.2, 5.4; see
     `fdd.identification.volume_steps`), the force balance gives friction (thesis 5.3), standstill and
-    redundancy give sensors and charge pressure. What the logs do not tell stays as in `base`,
-    and a note says why.
+    redundancy give sensors and charge pressure. What the logs do not tell stays as in `base`, the profile of
+    a similar unit, and a note says why; its area_1 is taken as true, and its volumes where strokes are too
+    short to tell them (see `fdd.identification.hydraulics`).
 
-    Parameters
-    ----------
-    logs : one or more healthy logs of the same unit, at least 5 s each, with position, pump_angle or
-        pump_speed, and pressure_difference or both chamber pressures.
-    base : profile of a similar unit; its area_1 is taken as true, and its volumes where strokes are too
-        short to tell them (see `fdd.identification.hydraulics`).
-    name : of the new profile; by default the base's with ``_identified``.
-    labels : what errors call the logs, one each.
+    Each of the healthy `logs` of one unit has at least 5 s, position, pump_angle or pump_speed, and
+    pressure_difference or both chamber pressures; errors call them by their `labels`.
 
     Raises InputError: no log, a channel missing, too short, nothing moves, or a gain so far from the base's
         that units of measure or the base must be wrong.

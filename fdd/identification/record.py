@@ -48,21 +48,7 @@ LEAST_ZERO = 1.0
 
 @dataclass(frozen=True)
 class Record:
-    """One healthy log on an even grid; n rows, SI, without NaN.
-
-    Attributes
-    ----------
-    period : s.
-    angle, position : (n,) accumulated pump angle (rad) and cylinder position (m).
-    pressure_1, pressure_2, accumulator : (n,) Pa gauge.
-    difference : (n,) Pa, the differential sensor's where there is one.
-    gap : (n,) rows that stand for missing ones, or next to a longer gap.
-    chambers_measured : False where the chambers' pressures are reconstructed from their difference.
-    accumulator_measured, has_difference : which sensors there are.
-    current : (n,) A, or None. temperature : (n,) °C, or None.
-    command : (n,) rad/s, or None. load : (n,) N, or None.
-    angle_jumps : impossible jumps of the pump angle, marked as gaps.
-    """
+    """One healthy log on an even grid; each channel (n,), SI, gauge, °C, without NaN."""
 
     period: float
     angle: Array
@@ -71,8 +57,11 @@ class Record:
     pressure_2: Array
     accumulator: Array
     difference: Array
+    """The differential sensor's where there is one."""
     gap: NDArray[np.bool_]
+    """Rows that stand for missing ones, or next to a longer gap."""
     chambers_measured: bool
+    """False where the chambers' pressures are reconstructed from their difference."""
     accumulator_measured: bool
     has_difference: bool
     current: Array | None
@@ -80,6 +69,7 @@ class Record:
     command: Array | None = None
     load: Array | None = None
     angle_jumps: int = 0
+    """Impossible jumps of the pump angle, marked as gaps."""
 
     def __len__(self) -> int:
         return int(self.position.size)

@@ -73,21 +73,15 @@ class Term(IntEnum):
 
 @dataclass(frozen=True)
 class VolumeSteps:
-    """Rows of the regression ``y = m·θ``, θ in units of `scales`.
-
-    Attributes
-    ----------
-    m : (r, 9) regressors. y : (r,) m³.
-    noise : (r, 2, 9) what white pressure noise of one pascal at either end of the step adds to m.
-    chamber : (r,) 1 or 2. seconds : (r,) length of the step.
-    block : (r,) number of the 2 s block the step lies in, over all logs.
-    """
+    """Rows of the regression ``y = m·θ``, y in m³, θ in units of `scales`; r of each."""
 
     m: Array
     y: Array
     noise: Array
+    """(r, 2, 9) what white pressure noise of one pascal at either end of the step adds to m (r, 9)."""
     chamber: NDArray[np.int64]
     block: NDArray[np.int64]
+    """Number of the 2 s block the step lies in, over all logs."""
     seconds: Array
 
 
@@ -222,11 +216,8 @@ def _differences(
 class LogBalances:
     """What all logs are referred to, and their rows.
 
-    Attributes
-    ----------
-    temperature : mean oil temperature (°C), None where it is not measured.
-    pressure : Pa gauge at which compressibility is referred; by default the accumulator's usual one, else
-        the chambers' mean.
+    `temperature` is the oil's mean (°C), None where it is not measured; `pressure` (Pa gauge) by default the
+    accumulator's usual one, else the chambers' mean: compressibility is referred to it.
     """
 
     def __init__(self, records: list[Record], pressure: float | None = None) -> None:

@@ -35,14 +35,11 @@ COHERENT = 0.6
 
 
 def stretches(records: list[Record], given: str, rate_hz: float) -> tuple[list[Array], float]:
-    """Input and velocity (n, 2) in all stretches with the strongest input, and their sampling interval (s).
+    """Input, `given`, and velocity (n, 2) in all stretches with the strongest input, and their sampling
+    interval (s): of at least `rate_hz`.
 
     Every signal is averaged over each interval: for a held command and for counts of an encoder that is
     exact, where rates taken at one instant would be late by half a sample.
-
-    Parameters
-    ----------
-    records : logs of one sampling rate. given : pump_speed or command. rate_hz : the grid is no coarser.
 
     Raises InputError: no command in the log, logs of different rates, or no gapless two seconds.
     """
@@ -79,19 +76,15 @@ def _integral(record: Record, given: str) -> Array:
 
 @dataclass(frozen=True)
 class Spectra:
-    """Empirical response over frequency (n,) in Hz.
-
-    Attributes
-    ----------
-    response : cross spectrum over the input's own. coherence : squared, 0 to 1.
-    radius : of the circle about the response that holds the true one in 95 % (Bendat and Piersol, Random
-        Data, 9.2.3).
-    """
+    """Empirical response over frequency (n,) in Hz: cross spectrum over the input's own."""
 
     frequency: Array
     response: NDArray[np.complex128]
     coherence: Array
+    """Squared, 0 to 1."""
     radius: Array
+    """Of the circle about the response that holds the true one in 95 % (Bendat and Piersol, Random Data,
+    9.2.3)."""
 
 
 def welch(parts: list[Array], period: float, window_s: float) -> Spectra:
@@ -146,17 +139,12 @@ def half_power_frequency(frequency: Array, magnitude: Array, reference: float) -
 
 @dataclass(frozen=True)
 class PolePair:
-    """A pole pair behind a delay: gain at rest, natural frequency (Hz), damping ratio, delay (s).
-
-    Attributes
-    ----------
-    theta, std : (4,) these, and their standard deviations. fit : one less its squared relative error, a mean
-        over the logarithm of frequency.
-    """
+    """A pole pair behind a delay: gain at rest, natural frequency (Hz), damping ratio, delay (s), (4,)."""
 
     theta: Array
     std: Array
     fit: float
+    """One less its squared relative error, a mean over the logarithm of frequency."""
 
     def at(self, frequency: Array) -> NDArray[np.complex128]:
         """Response at `frequency` (n,) in Hz."""

@@ -54,12 +54,9 @@ def degrees(response: NDArray[np.complex128]) -> Array:
 def frequency_response(
     records: list[Record], unit: Unit, *, given: str = "pump_speed", window_s: float = 1.0
 ) -> Outcome:
-    """Estimate the response of the piston's velocity to an input.
+    """Estimate the response of the piston's velocity to pump_speed or command, in windows of `window_s`.
 
-    Parameters
-    ----------
-    unit : profile, whose natural frequency sets the grid and is compared with.
-    given : pump_speed or command. window_s : s, of Welch's windows.
+    The profile's natural frequency sets the grid and is compared with.
 
     Raises InputError: as `stretches` and `welch`.
     """
