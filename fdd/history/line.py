@@ -31,19 +31,15 @@ LEAST_SPREAD = 0.06
 
 @dataclass(frozen=True)
 class Line:
-    """Coefficients (p,) and what they are worth.
-
-    Attributes
-    ----------
-    between : τ, std from log to log. freedom : of Student's t.
-    log_likelihood : the largest there is over coefficients and scale, to compare designs by.
-    """
+    """Coefficients (p,) and what they are worth."""
 
     coefficients: Array
     covariance: Array
     between: float
+    """τ, std from log to log."""
     freedom: int
     log_likelihood: float
+    """The largest there is over coefficients and scale, to compare designs by."""
 
     def interval(self, place: int, share: float = 0.95) -> tuple[float, float]:
         """Interval that holds a coefficient with probability `share`."""
@@ -79,13 +75,10 @@ class Line:
 
 
 def fit_line(values: Array, stds: Array, design: Array, between: float = 0.0) -> Line:
-    """The line through estimates of n logs.
+    """The line through estimates (n,) of n logs; `design` (n, p) is of full rank, p < n.
 
-    Parameters
-    ----------
-    values, stds : (n,). design : (n, p), of full rank, p < n. between : the least τ. Of a few logs it is
-        often found to be 0; the one that says it knows best then bends the line, and of level lines a test at
-        5 % rejects up to 15 %.
+    `between` is the least τ. Of a few logs it is often found to be 0; the one that says it knows best then
+    bends the line, and of level lines a test at 5 % rejects up to 15 %.
 
     Examples
     --------
@@ -123,19 +116,15 @@ def fit_line(values: Array, stds: Array, design: Array, between: float = 0.0) ->
 
 @dataclass(frozen=True)
 class Fitted:
-    """A line whose values, (n,), are at one temperature.
-
-    Attributes
-    ----------
-    line : of intercept, slope and, with a regression, what goes with the temperature.
-    way : how temperature was taken out. gain : log likelihood over the other way; None without choice.
-    """
+    """A line whose values, (n,), are at one temperature."""
 
     line: Line
+    """Of intercept, slope and, with a regression, what goes with the temperature."""
     values: Array
     stds: Array
     way: Way
     gain: float | None
+    """Log likelihood over the other way to take temperature out; None without choice."""
 
 
 def fit_over_time(
@@ -146,12 +135,9 @@ def fit_over_time(
     The ways are compared by their likelihood of the same data, corrected for the one parameter more and few
     logs (AICc).
 
-    Parameters
-    ----------
-    time : (n,). factors, stds : (n,), over the healthy value at each log's own temperature. warmth : (n,), ln
-        of each log's healthy leakage over their median's. between : what healthy logs differ by, see
-        `fit_line`.
-    leaks : whether the quantity goes with viscosity, so that the factors are free of it.
+    `factors` and `stds` are over the healthy value at each log's own temperature; `warmth` is ln of each
+    log's healthy leakage over their median's, (n,) each. `between` is what healthy logs differ by, see
+    `fit_line`. What `leaks` goes with viscosity, so that the factors are free of it.
     """
     n = time.size
     plain = np.column_stack([np.ones(n), time])

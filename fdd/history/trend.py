@@ -50,12 +50,8 @@ class Course:
 
 
 def trend_of(answers: Sequence[Diagnosis], limits: Limits, each: Each = "log") -> tuple[Life, list[Course]]:
-    """The life of a unit, from the answers of its logs, or of `each` of its hours or days.
-
-    Parameters
-    ----------
-    answers : of one profile and axis, in any order, those of unreadable logs among them.
-    limits : of the profile's, by `severity_one` or `given_limits`.
+    """The life of a unit, from the answers of its logs, or of `each` of its hours or days, in any order,
+    those of unreadable logs among them; `limits` are those of `severity_one` or `given_limits`.
 
     Raises InputError: answers of several units, or none at all.
     """

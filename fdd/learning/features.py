@@ -82,10 +82,8 @@ FEATURES = _features()
 def features_of(pipeline: Pipeline, answer: Diagnosis, samples: Samples) -> Row:
     """The features of a log: a number for each of `FEATURES`, SI.
 
-    Parameters
-    ----------
-    pipeline, answer : after its `finish`, which gave the answer. samples : of the log, for the duty. Fits are
-        of no more than the last two and a half minutes of evidence.
+    From a pipeline and the answer that its `finish` gave; `samples` of the log are for the duty. Fits are of
+    no more than the last two and a half minutes of evidence.
     """
     row = dict.fromkeys(FEATURES, math.nan)
     _, names, misfits = pipeline.misfits()

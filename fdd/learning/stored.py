@@ -35,24 +35,21 @@ MEND = "give a file that fdd train --classifier wrote"
 
 @dataclass(frozen=True)
 class StoredClassifier:
-    """A classifier and what has to be known to use it.
-
-    Attributes
-    ----------
-    estimator : fitted, with `predict_proba` and `classes_`. features : names of X's columns, in order.
-    target : what it tells: ``family`` or ``fault``. window_s : None; older files may be of rows shorter than
-        a log. name : as it was asked for. fdd : version.
-    data : SHA-256 of the data sets, by name. figures : on held-out units.
-    """
+    """A classifier, fitted, with `predict_proba` and `classes_`, and what has to be known to use it."""
 
     estimator: Any
     features: list[str]
+    """Names of X's columns, in order."""
     target: str
+    """``family`` or ``fault``."""
     window_s: float | None
+    """None; older files may be of rows shorter than a log."""
     name: str
     fdd: str
     data: dict[str, str]
+    """SHA-256 of the data sets, by name."""
     figures: dict[str, float]
+    """On held-out units."""
 
 
 def save_classifier(stored: StoredClassifier, path: str | Path) -> None:
