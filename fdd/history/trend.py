@@ -205,14 +205,7 @@ def _headline(trends: Sequence[Trend], logs: Sequence[TrendLog], each: Each, *, 
 
 
 def severity_one(unit: Unit) -> Limits:
-    """What faults of severity 1 make of the estimates, as factors of the profile's.
-
-    Examples
-    --------
-    >>> limits = severity_one(Unit.load("axis_a"))
-    >>> round(limits["leakage"][1], 2), round(limits["bulk_modulus"][0], 2), limits["coulomb_friction"]
-    (2.84, 0.35, (0.35, 2.0))
-    """
+    """What faults of severity 1 make of the estimates, as factors of the profile's."""
     rubbing = {f.name: f.value for f in CATALOGUE["seal_wear"].figures}
     friction = (rubbing["loose_friction"], rubbing["tight_friction"])
     air = next(f.value for f in CATALOGUE["aeration"].figures if f.name == "free_air")

@@ -232,12 +232,6 @@ def effective_noise(values: Array, period: float) -> float | None:
     has below 100 Hz; None where there are fewer than four segments.
 
     ``sqrt(mean PSD over 8 to 100 Hz · f_s/2)``, in the quietest quarter of half-second segments.
-
-    Examples
-    --------
-    >>> noise = np.random.default_rng(1).standard_normal(60_000)
-    >>> abs(effective_noise(noise, 1e-3) - 1.0) < 0.1
-    True
     """
     length = round(SEGMENT / period)
     count = values.size // max(length, 1)
@@ -265,13 +259,7 @@ def welch(segments: Array, period: float, length: int) -> tuple[Array, Array]:
 
 
 def resolution(values: Array) -> float | None:
-    """Quantum of a channel: the step of which all steps are multiples; None for a smooth channel.
-
-    Examples
-    --------
-    >>> resolution(0.25 * np.rint(np.sin(np.arange(0.0, 9.0, 0.01)) * 40.0))
-    0.25
-    """
+    """Quantum of a channel: the step of which all steps are multiples; None for a smooth channel."""
     known = values[np.isfinite(values)]
     steps = np.abs(np.diff(known))
     span = float(np.ptp(known)) if steps.size else 0.0
