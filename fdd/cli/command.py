@@ -149,7 +149,7 @@ ModelOption = Annotated[Path | None, option("Trained model; the shipped one else
 JsonOption = Annotated[
     str | None, option("Write the answer as JSON; - is standard output.", "--json", metavar="FILE|-")
 ]
-AxisOption = Annotated[str | None, option("Axis of an MCAP file, or a store, with several.", "--axis")]
+AxisOption = Annotated[str | None, option("Axis of an MCAP file with several.", "--axis")]
 ReportOption = Annotated[Path | None, option("Write a page.", "--report", metavar="FILE.html")]
 SpeedOption = Annotated[str, typer.Option(help="Times real time, or max.")]
 WorkersOption = Annotated[

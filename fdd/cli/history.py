@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,17 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fdd.cli import command
-from fdd.cli.command import USAGE, argument, option, require_outputs, require_packages
+from fdd.cli.command import USAGE, argument, option, require_outputs
 from fdd.errors import InputError
 
 if TYPE_CHECKING:
     from fdd.diagnosis.findings import Diagnosis
-    from fdd.history.trend import Each
     from fdd.offline import Settings
     from fdd.unit import Unit
 
 ANSWERS_SUFFIX = ".jsonl"
-SINCE_S = {"h": 3600.0, "d": 86400.0, "w": 604800.0}
 Answered = tuple[list["Diagnosis"], "Unit | None"]
 """Answers, and the profile that they were given on where it is at hand."""
 
@@ -65,9 +62,7 @@ def compare(
 
 def trend(
     logs: Annotated[
-        list[str],
-        argument("Logs as fdd diagnose takes them, the answers.jsonl that it wrote, or fdd serve's store "
-                 "(sqlite:///fdd.db).", "LOG...|STORE"),
+        list[Path], argument("Logs as fdd diagnose takes them, or the answers.jsonl that it wrote.", "LOG...")
     ],
     unit: command.UnitOption = None,
     map_: command.MapOption = None,
@@ -76,9 +71,6 @@ def trend(
         list[str] | None,
         option("How far a quantity may go, as factor of the profile's; what severity 1 makes of it else.",
                metavar="QUANTITY=FACTOR"),
-    ] = None,
-    since: Annotated[
-        str | None, option("Of a store: its last hours (h), days (d) or weeks (w).", metavar="30d")
     ] = None,
     json_: command.JsonOption = None,
     report: command.ReportOption = None,
@@ -93,61 +85,25 @@ def trend(
     chosen = given_limits(limit or [])
     require_outputs(json_, report)
     settings = Settings(unit, map_, None, axis)
-    stored = [text for text in logs if "://" in text]
-    if (since is not None and not stored) or (stored and len(logs) > 1):
-        raise InputError("--since, and a store, stand alone", mend="give one store, e.g. sqlite:///fdd.db")
-    each: Each = "log"
-    paths = [Path(text) for text in logs]
-    files = [path for path in paths if path.suffix.lower() == ANSWERS_SUFFIX]
-    if stored:
-        (answers, known), each = _of_store(stored[0], settings, since)
-    elif files and len(files) < len(logs):
+    files = [path for path in logs if path.suffix.lower() == ANSWERS_SUFFIX]
+    if files and len(files) < len(logs):
         mend = f"give either, or a {ANSWERS_SUFFIX} of all"
         raise InputError("answers and logs in one command", where=files[0], mend=mend)
     elif files:
         answers, known = _of_answers(files, settings)
     else:
-        answers, known = _of_logs(paths, settings, workers)
+        answers, known = _of_logs(logs, settings, workers)
     for answer in answers:
         if answer.error:
             print(f"fdd: error: {answer.error}", file=sys.stderr)
     limits = {**({} if known is None else severity_one(known)), **chosen}
-    life, courses = trend_of(answers, limits, each)
+    life, courses = trend_of(answers, limits)
     if not limits:
         life.notes.append(f"No limits: profile {life.unit} is not at hand (give --unit, or --limit).")
     told = life.model_dump_json(by_alias=True, indent=2)
     tell_sheet(told, trend_sheet(life, courses), json_, report)
     if any(a.error for a in answers):
         raise typer.Exit(USAGE)
-
-
-def _of_store(url: str, settings: Settings, since: str | None) -> tuple[Answered, Each]:
-    """Of an axis's minutes, hours or days."""
-    require_packages("serve", "sqlalchemy")
-    import time
-
-    from fdd.service.status import answers_of, axis_of, told_by
-    from fdd.service.store import Store
-
-    span = re.fullmatch(r"([1-9]\d{0,3})([hdw])", since or "9999w")
-    if span is None:
-        raise InputError(f"--since {since!r} is no span", mend="write e.g. 12h, 30d or 8w")
-    begin = max(0.0, time.time() - int(span[1]) * SINCE_S[span[2]])
-    store = Store(url, existing=True)
-    try:
-        axis, unit = axis_of(store, settings.axis)
-        unit = settings.load_unit() or unit
-        if unit is None:
-            problem = f"the store has no profile of axis {axis}"
-            raise InputError(problem, where=store.where, mend="give --unit")
-        each = told_by(store, axis, begin)
-        answers = answers_of(store, axis, unit, each, begin)
-    finally:
-        store.close()
-    if not answers:
-        problem = f"holds no estimate of axis {axis} since then"
-        raise InputError(problem, where=store.where, mend="go further back")
-    return (answers, unit), each
 
 
 def _of_logs(logs: list[Path], settings: Settings, workers: int | None) -> Answered:

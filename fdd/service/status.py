@@ -1,4 +1,4 @@
-"""How an axis stands, lately and over its life: as the page, the metrics, the buses and `fdd trend` tell."""
+"""How an axis stands, lately and over its life: as the page, the metrics and the buses tell."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from pydantic import BaseModel
 import fdd
 from fdd.diagnosis.estimates import healthy_of
 from fdd.diagnosis.findings import ESTIMATED, Diagnosis, Estimate, FaultFinding, Quality
-from fdd.errors import InputError
 from fdd.faults import FAMILIES, fault
 from fdd.history.trend import severity_one, trend_of
 from fdd.report.words import percent
@@ -46,8 +45,6 @@ Row = Mapping[str, Any]
 
 HEALTHY_LEAKAGE, LEAKAGE_FACTOR = "leakage_healthy", "leakage_factor"
 """Rolled up beside the leakage: what the profile says of it at that oil temperature, and their ratio."""
-LEAST_DAYS = 8
-"""From which on a life is told by the day, and not by the hour."""
 MOST_ALARMS = 100_000
 _FORM = {"minute": "%Y-%m-%d %H:%M", "hour": "%Y-%m-%d %H:00", "day": "%Y-%m-%d"}
 
@@ -225,23 +222,6 @@ def _numbers(column: _Floats) -> Numbers:
     return [None if np.isnan(v) else float(v) for v in column]
 
 
-def axis_of(store: Store, name: str | None) -> tuple[str, Unit | None]:
-    """An axis (None for the one that there is) and its profile, None where the store does not hold it.
-
-    Raises InputError: no such axis, or several.
-    """
-    axes = {str(row["name"]): row for row in store.axes()}
-    chosen = next(iter(axes)) if name is None and len(axes) == 1 else name or ""
-    if chosen not in axes:
-        problem, known = f"no axis {name}" if name else f"{len(axes)} axes", ", ".join(list(axes)[:20])
-        raise InputError(problem, where="the store", mend=f"give --axis, of {known or 'none yet'}")
-    row = axes[chosen]
-    text = store.meta(profile_key(row["profile_sha256"] or ""))
-    if text is not None:
-        return chosen, Unit.from_yaml(text, where=f"the profile of axis {chosen}")
-    return chosen, Unit.load(row["unit"]) if row["unit"] in shipped_units() else None
-
-
 def answers_of(store: Store, axis: str, unit: Unit, each: Each, since: float = 0.0) -> list[Diagnosis]:
     """An axis's minutes, hours or days since a time (Unix seconds) in their order, each as a log's answer.
 
@@ -278,13 +258,20 @@ def answers_of(store: Store, axis: str, unit: Unit, each: Each, since: float = 0
 
 def sentence_of(store: Store, axis: str, quantity: str, each: Each, since: float) -> str:
     """Where a quantity is going, as `fdd trend` tells it; "" of another one, and without a profile."""
-    if quantity not in ESTIMATED or axis not in {row["name"] for row in store.axes()}:
-        return ""
-    _, unit = axis_of(store, axis)
+    row = next((row for row in store.axes() if row["name"] == axis), None)
+    unit = None if row is None or quantity not in ESTIMATED else _profile(store, row)
     if unit is None or not (answers := answers_of(store, axis, unit, each, since)):
         return ""
     life, _ = trend_of(answers, severity_one(unit), each)
     return next((t.sentence for t in life.trends if t.quantity == quantity), "")
+
+
+def _profile(store: Store, row: Row) -> Unit | None:
+    """Of an axis's row; None where the store does not hold it."""
+    text = store.meta(profile_key(row["profile_sha256"] or ""))
+    if text is not None:
+        return Unit.from_yaml(text, where=f"the profile of axis {row['name']}")
+    return Unit.load(row["unit"]) if row["unit"] in shipped_units() else None
 
 
 def _estimate(name: str, healthy: float, row: Row | None, scale: float = 1.0) -> Estimate:
@@ -292,8 +279,3 @@ def _estimate(name: str, healthy: float, row: Row | None, scale: float = 1.0) ->
     value, std = (None, None) if row is None else (scale * row["mean"], scale * row["std"])
     unit, known = ESTIMATED[name][0], row is not None
     return Estimate(unit=unit, baseline=healthy, value=value, std=std, observable=known)
-
-
-def told_by(store: Store, axis: str, since: float) -> Each:
-    """By what a life is told: by the day, where there are enough, else by the hour."""
-    return "day" if len(store.rollups(axis, HEALTHY_LEAKAGE, "day", since)) >= LEAST_DAYS else "hour"

@@ -1,21 +1,21 @@
-"""`fdd trend` from a store, and `fdd publish`: what was put in comes out, and a bad line is as asked."""
+"""Trends from a store, and `fdd publish`: what was put in comes out, and a bad line is as asked."""
 
-import json
 import math
 import time
 from contextlib import closing
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from fdd.cli.app import app
 from fdd.diagnosis.estimates import healthy_of
+from fdd.history.trend import severity_one, trend_of
 from fdd.logs.tabular_writing import write_table
 from fdd.samples import Samples
 from fdd.service.alarms import AlarmBook
 from fdd.service.sources.mqtt import sendings
-from fdd.service.status import HEALTHY_LEAKAGE, LEAKAGE_FACTOR, sentence_of
+from fdd.service.status import HEALTHY_LEAKAGE, LEAKAGE_FACTOR, answers_of, sentence_of
 from fdd.service.store import Rollup, Store, profile_key
 from fdd.unit import Unit
 from reports.service import free_port
@@ -60,36 +60,16 @@ def url(tmp_path_factory, begin) -> str:
     return url
 
 
-def trend(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["trend", *(str(a) for a in arguments)])
-
-
-def test_what_cannot_be_told_is_one_line(url, tmp_path):
-    none, other = tmp_path / "none.db", f"sqlite:///{tmp_path / 'other.db'}"
-    with closing(Store(other)) as store, store.transaction() as t:
-        t.axis("A1", 0.0, unit="rig7")
-    for words, arguments in {
-        "no such file": (f"sqlite:///{none}",),
-        "give --axis, of A1": (url, "--axis", "B2"),
-        "is no span": (url, "--since", "soon"),
-        "stand alone": (url, tmp_path),
-        "kind mysql": ("mysql://a/b",),
-        "give --unit": (other,),
-        "go further back": (other, "--unit", "axis_a"),
-    }.items():
-        told = trend(*arguments)
-        assert told.exit_code == 2 and words in told.stderr and len(told.stderr.splitlines()) == 1, words
-    assert not none.exists()
-    none.touch()
-    assert "is no store of fdd serve" in trend(f"sqlite:///{none}").stderr
-
-
-def test_the_slope_that_was_put_in_comes_out_by_days(url, begin, tmp_path):
-    told = trend(url, "--axis", "A1", "--json", "-", "--report", tmp_path / "trend.html")
-    assert told.exit_code == 0, told.output
-    life = json.loads(told.stdout)
+def test_the_slope_that_was_put_in_comes_out_by_days_and_the_page_says_the_same(url, begin):
+    with closing(Store(url)) as store:
+        found, _ = trend_of(answers_of(store, "A1", UNIT, "day"), severity_one(UNIT), "day")
+        asked = sentence_of(store, "A1", "leakage", "day", 0.0)
+        for axis, quantity in (("A1", "probability_of_a_fault"), ("B2", "leakage")):
+            assert sentence_of(store, axis, quantity, "day", 0.0) == ""
+    life = found.model_dump(mode="json")
     assert (life["unit"], life["axis"], life["each"], len(life["logs"])) == ("rig7", "A1", "day", DAYS)
     leakage, stiff = life["trends"]
+    assert asked == leakage["sentence"]
     low, high = leakage["slope_interval"]
     assert low < GROWTH / DAYS < high < 1.4 * GROWTH / DAYS and leakage["direction"] == "rises"
     wanted = np.hypot(0.02, 0.01)  # what each look errs by itself, and what they scatter by
@@ -101,19 +81,7 @@ def test_the_slope_that_was_put_in_comes_out_by_days(url, begin, tmp_path):
     marked = [x["log"] for x in life["logs"] if x["faults"]]
     first = time.strftime("%Y-%m-%d", time.gmtime(begin + ALARM_DAY * 86400.0))
     assert marked[0] == first and len(marked) == DAYS - ALARM_DAY, "it still stands"
-    page = (tmp_path / "trend.html").read_text("utf-8")
-    assert "Diamonds: days with an alarm" in page and "40 days" in page
     assert life["logs"][0]["log"] == time.strftime("%Y-%m-%d", time.gmtime(begin))
-
-
-def test_a_few_days_are_told_by_the_hour_and_the_page_says_the_same(url):
-    life = json.loads(trend(url, "--since", "7d", "--json", "-").stdout)
-    assert life["each"] == "hour" and 6 * 24 <= len(life["logs"]) <= 7 * 24
-    with closing(Store(url)) as store:
-        asked = sentence_of(store, "A1", "leakage", "day", 0.0)
-        assert asked == json.loads(trend(url, "--json", "-").stdout)["trends"][0]["sentence"]
-        for axis, quantity in (("A1", "probability_of_a_fault"), ("B2", "leakage")):
-            assert sentence_of(store, axis, quantity, "day", 0.0) == ""
 
 
 ROWS = 103
