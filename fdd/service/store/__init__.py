@@ -188,14 +188,14 @@ class Store:
     clock, and `wall`, Unix seconds. Whatever reads or writes raises `StoreTrouble` (locked, full, server
     away: try again, nothing was written) or `InputError` (damaged, read-only: somebody must mend it).
 
-    Its URL is ``sqlite:///fdd.db`` or ``postgresql://user@host/database``; with `existing` none is made.
+    Its URL is ``sqlite:///fdd.db`` or ``postgresql://user@host/database``.
     Raises InputError: wrong URL, damaged, of another fdd, of another program.
     """
 
-    def __init__(self, url: str, *, existing: bool = False) -> None:
+    def __init__(self, url: str) -> None:
         self._lease: str | None = None
-        self._engine, self.where = connect(url, existing)
-        prepare(self._engine, self.where, existing)
+        self._engine, self.where = connect(url)
+        prepare(self._engine, self.where)
 
     def close(self) -> None:
         """Close all connections."""

@@ -67,8 +67,8 @@ def told(where: str) -> Iterator[None]:
         raise
 
 
-def connect(url: str, existing: bool = False) -> tuple[Engine, str]:
-    """An engine, and what its database is called in messages; with `existing` no file is made.
+def connect(url: str) -> tuple[Engine, str]:
+    """An engine, and what its database is called in messages.
 
     Raises InputError: not such a URL, no driver, or a damaged file. StoreTrouble: not to be reached now.
     """
@@ -82,9 +82,6 @@ def connect(url: str, existing: bool = False) -> tuple[Engine, str]:
         "json_deserializer": orjson.loads,
     }
     if parsed.drivername in ("sqlite", "sqlite+pysqlite"):
-        if existing and not Path(parsed.database or "").is_file():
-            where = parsed.database or url
-            raise InputError("no such file", where=where, mend="name the store of serve.yaml")
         return _sqlite(parsed, options)
     if parsed.drivername in ("postgresql", "postgres", "postgresql+psycopg"):
         return _postgres(parsed.set(drivername="postgresql+psycopg"), options)
@@ -155,10 +152,10 @@ def _alone(connection: Connection) -> None:
         connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
 
 
-def prepare(engine: sa.Engine, where: str, existing: bool = False) -> None:
+def prepare(engine: sa.Engine, where: str) -> None:
     """Make the tables of an empty database, all or none.
 
-    Raises InputError: the database is of another version of fdd, of another program, or empty (`existing`).
+    Raises InputError: the database is of another version of fdd, or of another program.
     """
     # One transaction: of two that start at once, one waits and then finds nothing to do.
     with told(where), engine.connect().execution_options(**{WRITES: True}) as connection, connection.begin():
@@ -169,8 +166,6 @@ def prepare(engine: sa.Engine, where: str, existing: bool = False) -> None:
                 problem = f"the store is of another version of fdd (its tables are {version}, here {VERSION})"
                 raise InputError(problem, where=where, mend="use that fdd, or name another store")
             return
-        if existing:
-            raise InputError("is no store of fdd serve", where=where, mend="name that of serve.yaml")
         # Other programs' tables may stand beside ours on a server, but not in a file.
         foreign = found if dialect == "sqlite" else found & set(METADATA.tables)
         if foreign:
