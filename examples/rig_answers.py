@@ -15,15 +15,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import time
 import traceback
 from pathlib import Path
 from typing import Any
 
-from fdd.campaign.scores import wilson
+from fdd.campaign.scores import EARLY_S, calibration_error, wilson
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
+from fdd.diagnosis.model import HELD_IN_DOUBT
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.faults import fault
 from fdd.identification.identify import identify_unit
@@ -44,7 +46,7 @@ def main() -> None:
     parser.add_argument("--labels", type=Path, help="print a table of truth and answer too")
     options = parser.parse_args()
     labels = json.loads(options.labels.read_text(encoding="utf-8")) if options.labels else {}
-    failures, held = 0, list[bool]()
+    failures, held, sure = 0, list[bool](), list[tuple[float, bool, bool]]()
     if labels:
         print("| log | load | truth | answer | onset: truth, answer | verdict is |")
         print("| --- | --- | --- | --- | --- | --- |", flush=True)
@@ -70,11 +72,19 @@ def main() -> None:
             if name in by_stem:
                 print(row(name, by_stem[name], found), flush=True)
                 held += sized(by_stem[name], found)
+                sure.append(sureness(by_stem[name], found))
             else:
                 leading = found.faults[0].fault if found.faults else found.verdict
                 print(f"{name}: {leading} ({time.perf_counter() - started:.1f} s)", flush=True)
     if held:
         print(f"\n80 % intervals of severity hold the true one: {wilson(sum(held), len(held))}")
+    if sure:
+        p, right, faulty = zip(*sure, strict=True)
+        error, by_chance, most = calibration_error(list(zip(p, right, strict=True)), faulty)
+        print(
+            f"Calibration error of the {len(sure)} leading statements: {error:.3f}; of calibrated ones "
+            f"{by_chance:.3f}, nine in ten below {most:.3f}"
+        )
     if failures:
         sys.exit(f"{failures} logs or rigs failed")
 
@@ -133,6 +143,17 @@ def sized(label: dict[str, Any], found: Diagnosis) -> list[bool]:
         for first in found.faults[:1]
         if len(label["faults"]) == 1 and first.fault == truth["fault"] and first.severity_interval is not None
     ]
+
+
+def sureness(label: dict[str, Any], found: Diagnosis) -> tuple[float, bool, bool]:
+    """What the leading statement gives itself, whether it holds, and whether the log is faulty."""
+    said = [f for f in found.faults if f.confidence >= HELD_IN_DOUBT]
+    true = {f["fault"] for f in label["faults"]}
+    if not said:
+        return found.probabilities["healthy"], not true, bool(true)
+    first = min((f["onset_s"] for f in label["faults"]), default=math.inf)
+    timely = any(f.onset_s >= first - EARLY_S for f in said)
+    return said[0].confidence, timely and not true.isdisjoint(said[0].ambiguity), bool(true)
 
 
 def judged(label: dict[str, Any], found: Diagnosis) -> str:

@@ -142,7 +142,19 @@ def test_the_figures_of_made_up_outcomes() -> None:
     # Of the faulty logs 0.9 is said five times and holds three times, 0 once, wrongly; of the healthy ones
     # 0.9 once, wrongly, 0.8 once, rightly. Each kind is half of all.
     in_nines = abs(5 * 0.9 - 3) / 6 + 0.9 / 2
-    assert calibration_error(outcomes) == pytest.approx((in_nines + 0.2 / 2 + 0.0) / 2)
+    sureness, ill = [o.sureness for o in outcomes], [bool(o.entry.faults) for o in outcomes]
+    assert calibration_error(sureness, ill)[0] == pytest.approx((in_nines + 0.2 / 2 + 0.0) / 2)
+
+
+def test_calibrated_statements_err_by_what_chance_makes_of_as_many_logs() -> None:
+    """Of 600 sets of 80 logs, half of them healthy, 6 to 14 % lie beyond the 90 % quantile (3.3 std)."""
+    rng, found = np.random.default_rng(8), []
+    for _ in range(600):
+        p = rng.uniform(0.5, 1.0, 80)
+        found.append(calibration_error(list(zip(p, rng.random(80) < p, strict=True)), [True, False] * 40))
+    error, mean, most = np.array(found).T
+    assert 0.06 < np.mean(error > most) < 0.14
+    assert np.mean(error - mean) == pytest.approx(0.0, abs=3.3 * np.std(error) / 600**0.5)
 
 
 def test_the_severity_from_which_nine_tenths_are_found_is_that_of_the_draw() -> None:
