@@ -18,7 +18,7 @@ CLASSES = ("healthy", "leakage", "seal_wear", "check_valve", "aeration", "other"
 EARLY_S = 2.0
 """How long before the true onset an answered one may lie."""
 RESAMPLED = 2000
-"""Draws of what calibrated statements would come to."""
+"""Draws of logs, and of what calibrated statements would come to."""
 LEAST_FOR_CURVE = 30
 """Logs of a fault from which on a curve of finding it over its severity is drawn."""
 
@@ -110,15 +110,21 @@ def rate(count: int, hours: float) -> str:
     return f"{count} in {hours:.1f} h: {count * per:.2f} ({low * per:.2f} to {high * per:.2f}) an hour"
 
 
-def macro_f1(outcomes: Sequence[Outcome]) -> tuple[float, dict[str, float]]:
-    """Mean F1 over those of `CLASSES` that occur, and each."""
-    each = {}
-    for c in CLASSES:
-        seen = [(c in true, c in said) for true, said in (o.classes for o in outcomes)]
-        total = sum(t + s for t, s in seen)
-        if total:
-            each[c] = 2.0 * sum(t and s for t, s in seen) / total
-    return float(np.mean(list(each.values()))), each
+def macro_f1(outcomes: Sequence[Outcome]) -> tuple[float, tuple[float, float], dict[str, float]]:
+    """Mean F1 over those of `CLASSES` that occur; its 95 % interval, by logs drawn anew (bootstrap: Efron
+    1979, doi 10.1214/aos/1176344552); and each class's."""
+    n, both = len(outcomes), [o.classes for o in outcomes]
+    true, said = (
+        np.array([[c in each[k] for c in CLASSES] for each in both], dtype=np.float64) for k in (0, 1)
+    )
+    drawn = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), RESAMPLED)
+    drawn = np.vstack([np.ones(n), drawn])
+    total = drawn @ (true + said)
+    f1 = np.divide(2.0 * drawn @ (true * said), total, out=np.full_like(total, np.nan), where=total > 0.0)
+    means = np.nanmean(f1, axis=1)
+    low, high = np.quantile(means[1:], (0.025, 0.975))
+    each_one = {c: float(v) for c, v in zip(CLASSES, f1[0], strict=True) if np.isfinite(v)}
+    return float(means[0]), (float(low), float(high)), each_one
 
 
 def calibration_error(
@@ -174,15 +180,17 @@ def figures(outcomes: Sequence[Outcome]) -> str:
         for t, a in ((o.entry.faults[0], a) for o in single for a in o.said[:1])
         if t.onset_s > 0.0 and t.fault in a.ambiguity and a.severity is not None
     ]
-    mean, each = macro_f1(outcomes)
+    mean, (low, high), each = macro_f1(outcomes)
     error, by_chance, most = calibration_error(
         [o.sureness for o in outcomes], [bool(o.entry.faults) for o in outcomes]
     )
     # Of a log that is its twin but for the noise nobody can tell the fault.
     shown = [o for o in outcomes if o.entry.visible is not False]
-    beside = f" ({macro_f1(shown)[0]:.2f} of the {len(shown)} healthy and visible)"
+    beside = ""
+    if 0 < len(shown) < len(outcomes):
+        beside = f", {macro_f1(shown)[0]:.2f} of the {len(shown)} healthy and visible"
     lines = [
-        f"macro-F1 **{mean:.2f}**{beside if 0 < len(shown) < len(outcomes) else ''}: "
+        f"macro-F1 **{mean:.2f}** ({low:.2f} to {high:.2f}){beside}: "
         + ", ".join(f"{c.replace('_', ' ')} {v:.2f}" for c, v in each.items()),
         f"faulty logs found: {wilson(sum(bool(o.timely) for o in faulty), len(faulty))}",
         "of single faults found, class right: "

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import genpareto
+from numpy.typing import NDArray
+from scipy.stats import bootstrap, genpareto
+from sklearn.metrics import f1_score
 
 from fdd import Scenario, Unit, simulate
 from fdd.campaign.dataset import Dataset
@@ -123,15 +125,15 @@ def test_the_figures_of_made_up_outcomes() -> None:
         outcome([], [], healthy=0.8),
         outcome([], [finding(air)]),
     ]
-    mean, each = macro_f1(outcomes)
+    mean, (low, high), each = macro_f1(outcomes)
     # Leakage: 3 right, 1 too many; aeration: 2 right, 2 missed, 1 too many; healthy: 1, 1, 1.
     assert each == pytest.approx({"healthy": 2 / 4, "leakage": 6 / 7, "aeration": 4 / 7})
-    assert mean == pytest.approx(np.mean(list(each.values())))
+    assert mean == pytest.approx(np.mean(list(each.values()))) and low < mean < high
     text = figures(outcomes)
     hidden = [*outcomes]
     hidden[3] = replace(hidden[3], entry=hidden[3].entry.model_copy(update={"visible": False}))
-    less, _ = macro_f1([*outcomes[:3], *outcomes[4:]])
-    assert f"({less:.2f} of the 7 healthy and visible)" in figures(hidden) and "visible" not in text
+    less, *_ = macro_f1([*outcomes[:3], *outcomes[4:]])
+    assert f", {less:.2f} of the 7 healthy and visible" in figures(hidden) and "visible" not in text
     assert "faulty logs found: 0.67 (0.30 to 0.90) of 6" in text
     assert "class right: 0.67 (0.21 to 0.94) of 3" in text
     assert "group that is named: 0.67 (0.21 to 0.94) of 3" in text
@@ -144,6 +146,18 @@ def test_the_figures_of_made_up_outcomes() -> None:
     in_nines = abs(5 * 0.9 - 3) / 6 + 0.9 / 2
     sureness, ill = [o.sureness for o in outcomes], [bool(o.entry.faults) for o in outcomes]
     assert calibration_error(sureness, ill)[0] == pytest.approx((in_nines + 0.2 / 2 + 0.0) / 2)
+
+
+def test_the_interval_of_macro_f1_is_that_of_logs_drawn_anew() -> None:
+    rng, true = np.random.default_rng(3), np.array(["pump_wear", "aeration", "seal_wear"] * 30)
+    said = np.where(rng.random(90) < 0.7, true, "aeration")
+    low, high = macro_f1([outcome([label(t)], [finding(s)]) for t, s in zip(true, said, strict=True)])[1]
+
+    def mean(places: NDArray[np.int64]) -> float:
+        return float(f1_score(true[places], said[places], average="macro"))
+
+    reference = bootstrap((np.arange(90),), mean, n_resamples=400, rng=1, method="percentile")
+    assert (low, high) == pytest.approx(tuple(reference.confidence_interval), abs=0.03)
 
 
 def test_calibrated_statements_err_by_what_chance_makes_of_as_many_logs() -> None:
