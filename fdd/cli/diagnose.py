@@ -35,14 +35,8 @@ def diagnose(
     map_: command.MapOption = None,
     model: command.ModelOption = None,
     json_: command.JsonOption = None,
-    report: Annotated[
-        str | None,
-        option("Write a report; for several logs a folder or a name with {log}.", metavar="FILE.html"),
-    ] = None,
-    mcap: Annotated[
-        str | None,
-        option("Write the log with its diagnosis; for several as --report.", metavar="FILE.mcap"),
-    ] = None,
+    report: Annotated[Path | None, option("Write a report of one log.", metavar="FILE.html")] = None,
+    mcap: Annotated[Path | None, option("Write one log with its diagnosis.", metavar="FILE.mcap")] = None,
     axis: command.AxisOption = None,
     prior: Annotated[
         float | None,
@@ -83,13 +77,14 @@ def diagnose(
         raise InputError("--resume needs --output", mend="name the folder of the earlier run")
     folder = None if output_ is None else AnswersFolder(output_)
     paths = find_logs(logs, leave_out=output_)
-    reports = output_paths(report, paths, ".html", "--report")
-    mcaps = output_paths(mcap, paths, ".mcap", "--mcap")
+    if len(paths) > 1 and (report or mcap):
+        problem = f"--report and --mcap are files of one log, not of {len(paths)}"
+        raise InputError(problem, mend="-o writes a report of each; diagnose one after the other for MCAP")
     names = names_of(paths)
     pages = [folder.page(name) if folder else None for name in file_names(names)]
-    jobs = [Job(*each) for each in zip(paths, names, reports, pages, mcaps, strict=True)]
-    written = [p for job in jobs for p in (job.report, job.mcap)]
-    require_outputs(json_, *written, inputs=(job.path for job in jobs))
+    given = zip(paths, names, pages, strict=True)
+    jobs = [Job(path, name, report, page, mcap) for path, name, page in given]
+    require_outputs(json_, report, mcap, inputs=paths)
     trackers = tuple(dict.fromkeys(tracker or ()))
     settings = Settings(unit, map_, model, axis, trackers, classifier, prior)
     diagnoser = Diagnoser(settings)
@@ -117,22 +112,6 @@ def diagnose(
         plain = [json.loads(a.model_dump_json(by_alias=True)) for a in found]
         write_json(json_, json.dumps(plain[0] if len(plain) == 1 else plain, indent=2, ensure_ascii=False))
     raise typer.Exit(status_of(found) if exit_code else USAGE if any(a.error for a in found) else 0)
-
-
-def output_paths(pattern: str | None, logs: Sequence[Path], suffix: str, option: str) -> list[Path | None]:
-    """One output for each log: a folder, a name with ``{log}``, or, for one log, a name; None without one."""
-    if pattern is None:
-        return [None] * len(logs)
-    if Path(pattern).is_dir() or pattern.endswith("/"):
-        pattern = str(Path(pattern) / f"{{log}}{suffix}")
-    elif "{log}" not in pattern and len(logs) > 1:
-        mend = f"name a folder, or write {{log}} for the log's name: {option} '{{log}}{suffix}'"
-        raise InputError(f"{option} {pattern}: one file for {len(logs)} logs", mend=mend)
-    paths = [Path(pattern.replace("{log}", log.stem)) for log in logs]
-    if len(set(paths)) < len(paths):
-        problem = f"{option} {pattern}: two logs would be written to one file"
-        raise InputError(problem, mend="diagnose them apart")
-    return list(paths)
 
 
 def status_of(answers: Sequence[Diagnosis]) -> int:

@@ -6,19 +6,16 @@ import signal
 import subprocess
 import sys
 import threading
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from fdd.cli.diagnose import output_paths
 from fdd.cli.monitor import status_line
 from fdd.diagnosis.findings import Diagnosis, Estimate
 from fdd.logs import read_log
 from fdd.logs.formats import open_log
 from fdd.monitor import Status
-from tests.refusal import refused
 
 KEYS = [
     "schema", "log", "axis", "unit", "duration_s", "samples", "verdict", "faults", "probabilities",
@@ -92,16 +89,6 @@ def test_people_report_and_mcap_are_told_verdict_evidence_and_estimates(ran, log
     assert list(answer) == KEYS and answer["verdict"] == "faulty"
     assert {"/eha/axis_a/estimate", "/eha/axis_a/diagnosis"} <= set(open_log(annotated).topics)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "r.html"]
-
-
-def test_outputs_for_several_logs(tmp_path):
-    paths = partial(output_paths, suffix=".html", option="--report")
-    logs = [Path("x/a.mcap"), Path("b.csv")]
-    assert paths(str(tmp_path), logs) == [tmp_path / "a.html", tmp_path / "b.html"]
-    assert paths("r-{log}.html", logs) == [Path("r-a.html"), Path("r-b.html")]
-    assert paths("one.html", logs[:1]) == [Path("one.html")] and paths(None, logs) == [None, None]
-    for pattern, many in (("one.html", logs), ("{log}.html", [Path("a.csv"), Path("a.mcap")])):
-        refused(partial(paths, pattern, many))
 
 
 def test_the_logs_profile_is_used_unless_one_is_given(ran, logs, tiny_model_file, tmp_path):

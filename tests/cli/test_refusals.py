@@ -59,6 +59,9 @@ def test_an_output_that_cannot_be_written(run, one_line, logs, tiny_model_file, 
         one_line(result, str(target), "cannot be written")
         assert result.stdout == ""
     one_line(run("diagnose", logs["healthy"], option, logs["healthy"]), "would be written over")
+    if option != "--json":
+        several = run("diagnose", logs["healthy"], logs["leaking"], option, tmp_path / "one")
+        one_line(several, "of one log, not of 2")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file"]
 
 
