@@ -5,7 +5,6 @@ import hmac
 import json
 import threading
 import time
-from email.utils import formatdate
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import pairwise
 from pathlib import Path
@@ -285,25 +284,22 @@ def test_an_answer_that_is_cut_is_none(receiver):
 
 
 def test_it_comes_again_with_the_same_key_until_it_is_taken(receiver, store, clock):
-    receiver.answers = [(500, {}, b"broken"), (429, {"Retry-After": "7"}, b""), (200, {}, b"thanks")]
+    receiver.answers = [(500, {}, b"broken"), (429, {}, b""), (200, {}, b"thanks")]
     worker = sender_of(receiver, store)
     for id in (1, 2):
         sent(store, "alarm", transition(id=id), worker.name)
     worker.once()
     assert "500 Internal Server Error broken" in worker.last_error
-    for wait in (2.1, 6.5):
+    for wait in (2.1, 4.1):
         clock.now += wait
         worker.once()
-    assert worker.counts["failed"] == 2, "Retry-After is longer than the wait"
-    clock.now += 1.0
-    worker.once()
-    assert worker.counts["delivered"] == 2
+    assert (worker.counts["failed"], worker.counts["delivered"]) == (2, 2)
     keys = [headers["Idempotency-Key"] for _, headers, _ in receiver.came]
     assert keys[0] == keys[1] == keys[2] != keys[3]
     assert receiver.came[0][2] == receiver.came[2][2]
 
 
-def test_answers_say_whether_and_when_to_try_again(receiver):
+def test_answers_say_whether_to_try_again(receiver):
     sender = sender_of(receiver)
     final = dict.fromkeys((400, 401, 404, 410, 301, 302, 307, 308), (True, False))
     later = dict.fromkeys((408, 500, 502), (False, False)) | dict.fromkeys((429, 503), (False, True))
@@ -313,14 +309,6 @@ def test_answers_say_whether_and_when_to_try_again(receiver):
             sender.deliver(MESSAGE)
         assert (caught.value.final, caught.value.down) == wanted and len(str(caught.value)) <= 300, status
     assert {path for path, _, _ in receiver.came} == {"/"} and len(receiver.came) == len(final | later)
-    dates = [formatdate(time.time() + ahead, usegmt=True) for ahead in (600, -60)]
-    asked = {dates[0]: (570.0, 601.0), "9" * 9: (86400.0, 86400.0)}
-    asked |= dict.fromkeys((dates[1], "soon", "-5", "9" * 400), (0.0, 0.0))
-    for text, (least, most) in asked.items():
-        receiver.answers = [(503, {"Retry-After": text}, b"")]
-        with pytest.raises(Undelivered) as caught:
-            sender.deliver(MESSAGE)
-        assert least <= caught.value.wait_s <= most, text
 
 
 def test_a_silent_receiver_takes_a_bounded_time(receiver, monkeypatch):

@@ -32,8 +32,6 @@ MOST_TAKEN = 200
 MOST_ATTEMPTS = 20
 """Of a message that the target refuses for now, some two hours; while the target is down none is counted."""
 LONGEST_WAIT_S = 600.0
-LONGEST_ASKED_S = 86400.0
-"""Of what a target may ask for by Retry-After."""
 LOOK_S = 0.5
 """Between two looks into the outbox."""
 TROUBLE_S = 5.0
@@ -86,12 +84,11 @@ _OUTPUTS: _Metrics = {
 
 
 class Undelivered(Exception):
-    """A message did not arrive, and (`final`) never will, or the target takes nothing now (`down`) or for
-    `wait_s` seconds."""
+    """A message did not arrive, and (`final`) never will, or the target takes nothing now (`down`)."""
 
-    def __init__(self, problem: str, *, wait_s: float = 0.0, final: bool = False, down: bool = False) -> None:
+    def __init__(self, problem: str, *, final: bool = False, down: bool = False) -> None:
         super().__init__(" ".join(problem.split())[:300])
-        self.wait_s, self.final, self.down = min(wait_s, LONGEST_ASKED_S), final, down
+        self.final, self.down = final, down
 
 
 class Target(ABC):
@@ -162,7 +159,7 @@ class Target(ABC):
             self._store.settle(message.id, done=False)
         self._failures += 1
         wait = min(LONGEST_WAIT_S, 2.0 ** min(self._failures, 30)) * random.uniform(0.5, 1.0)
-        self._rests_until = time.monotonic() + max(wait, error.wait_s)
+        self._rests_until = time.monotonic() + wait
         return False
 
     def run(self, bus: Bus, stop: threading.Event) -> None:

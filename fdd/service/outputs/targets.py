@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import re
 import ssl
 import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from email.utils import parsedate_to_datetime
 from functools import partial
 from typing import Any
 from urllib.parse import urlsplit
@@ -75,23 +73,12 @@ class Webhook(Target):
             down = status in (429, 503)
             final = not (down or status in (408, 425) or status >= 500)
             reason = f"{status} {answer.reason_phrase} {said.decode('utf-8', 'replace')}"
-            wait_s = _asked(answer.headers.get("Retry-After", ""))
-            raise Undelivered(reason, wait_s=wait_s, final=final, down=down)
+            raise Undelivered(reason, final=final, down=down)
 
 
 def signature(secret: bytes, stamp: str, body: bytes) -> str:
     """HMAC-SHA256 over ``stamp.body``, as X-Fdd-Signature carries it."""
     return "sha256=" + hmac.new(secret, stamp.encode() + b"." + body, hashlib.sha256).hexdigest()
-
-
-def _asked(text: str) -> float:
-    """s that Retry-After asks for, given in seconds or as a date; 0 where it is neither."""
-    if re.fullmatch(r"[0-9]{1,9}", text.strip()):
-        return float(text)
-    try:
-        return max(0.0, parsedate_to_datetime(text).timestamp() - time.time())
-    except (TypeError, ValueError, OverflowError):
-        return 0.0
 
 
 class MqttPublisher(Target):
