@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from scipy.signal import welch
 from fdd import Scenario, Unit, simulate
 from fdd.faults import CATALOGUE
 from fdd.plant.faults import FaultScales, FaultSpec
-from fdd.plant.sensors import KNOWN, MEASURED, ChannelSensor, Recorder, range_of
+from fdd.plant.sensors import KNOWN, MEASURED, ChannelSensor, Recorded, Recorder, range_of
 from fdd.plant.sensors.faults import DROPOUTS, PLAY, position_offset, sensor_fault
 from fdd.plant.sensors.recording import Recording
 from fdd.sections import CurrentLoop, Sensor
@@ -192,17 +192,9 @@ def drops(variant: str, severity: float) -> FaultSpec:
     return spec("sensor_dropout", {"variant": variant}, severity)
 
 
-class Rows(NamedTuple):
-    """What a recorder gives."""
-
-    time: np.ndarray
-    columns: dict[str, np.ndarray]
-    kept: np.ndarray
-
-
 def recorded(
     faults: Sequence[FaultSpec], recording: Recording, edges: Iterable[int] = (), unit: Unit = UNIT
-) -> Rows:
+) -> Recorded:
     """N rows of waves beyond the relief pressure, measured between the edges and joined."""
     time = np.arange(N) * recording.period
     wave = np.sin(2.0 * np.pi * 1.3 * time)
@@ -210,15 +202,17 @@ def recorded(
     truth |= {"oil_temperature": 40.0 + time} | dict.fromkeys(KNOWN, 10.0 * wave)
     recorder = Recorder(unit, list(faults), recording, seed=11)
     blocks = [
-        Rows(*recorder.measure({c: v[i:j] for c, v in truth.items()}, time[i:j]))
+        recorder.measure({c: v[i:j] for c, v in truth.items()}, time[i:j])
         for i, j in pairwise([0, *sorted(edges), N])
     ]
     assert recorder.row == N
     joined = {c: np.concatenate([b.columns[c] for b in blocks]) for c in blocks[0].columns}
-    return Rows(np.concatenate([b.time for b in blocks]), joined, np.concatenate([b.kept for b in blocks]))
+    return Recorded(
+        np.concatenate([b.time for b in blocks]), joined, np.concatenate([b.kept for b in blocks])
+    )
 
 
-def changed(one: Rows, other: Rows) -> set[str]:
+def changed(one: Recorded, other: Recorded) -> set[str]:
     assert one.columns.keys() == other.columns.keys()
     assert one.time.tobytes() == other.time.tobytes() and one.kept.tobytes() == other.kept.tobytes()
     return {c for c, values in one.columns.items() if values.tobytes() != other.columns[c].tobytes()}

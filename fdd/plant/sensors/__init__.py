@@ -36,8 +36,14 @@ HIGHEST_LIMIT = 450.0
 """Hz; a limit from here on is none."""
 MOST_JITTER = 4.0
 """Standard deviations at which a stamp's error ends, so that stamps always increase."""
-Recorded = tuple[Array, dict[str, Array], NDArray[np.bool_]]
-"""Stamps (n,) s; channel to (n,) values, NaN where a burst or a fault took them; rows that the log has."""
+
+
+class Recorded(NamedTuple):
+    """Stamps (n,) s; by channel (n,) values, NaN where a burst or a fault took them; rows the log has."""
+
+    time: Array
+    columns: dict[str, Array]
+    kept: NDArray[np.bool_]
 
 
 class Range(NamedTuple):
@@ -247,7 +253,7 @@ class Recorder:
         if self.recording.keeps_every > 1:
             kept = kept & (np.arange(self.row, self.row + time.size) % self.recording.keeps_every == 0)
         self.row += time.size
-        return stamps, columns, kept
+        return Recorded(stamps, columns, kept)
 
     def _count_difference(self, angle: Array) -> Array:
         """Counts since the last sample over a nominal period: a late row shows too much speed."""
