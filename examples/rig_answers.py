@@ -22,7 +22,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from fdd.campaign.scores import EARLY_S, calibration_error, wilson
+from fdd.campaign.scores import EARLY_S, Classes, calibration_error, class_of, macro_f1, wilson
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
 from fdd.diagnosis.model import HELD_IN_DOUBT
@@ -46,7 +46,7 @@ def main() -> None:
     parser.add_argument("--labels", type=Path, help="print a table of truth and answer too")
     options = parser.parse_args()
     labels = json.loads(options.labels.read_text(encoding="utf-8")) if options.labels else {}
-    failures, held, sure = 0, list[bool](), list[tuple[float, bool, bool]]()
+    failures, held, sure, classes = 0, list[bool](), list[tuple[float, bool, bool]](), list[Classes]()
     if labels:
         print("| log | load | truth | answer | onset: truth, answer | verdict is |")
         print("| --- | --- | --- | --- | --- | --- |", flush=True)
@@ -73,12 +73,15 @@ def main() -> None:
                 print(row(name, by_stem[name], found), flush=True)
                 held += sized(by_stem[name], found)
                 sure.append(sureness(by_stem[name], found))
+                classes.append(classes_of(by_stem[name], found))
             else:
                 leading = found.faults[0].fault if found.faults else found.verdict
                 print(f"{name}: {leading} ({time.perf_counter() - started:.1f} s)", flush=True)
     if held:
         print(f"\n80 % intervals of severity hold the true one: {wilson(sum(held), len(held))}")
     if sure:
+        mean, (low, high), _ = macro_f1(classes)
+        print(f"Macro-F1 {mean:.2f} ({low:.2f} to {high:.2f})")
         p, right, faulty = zip(*sure, strict=True)
         error, by_chance, most = calibration_error(list(zip(p, right, strict=True)), faulty)
         print(
@@ -143,6 +146,12 @@ def sized(label: dict[str, Any], found: Diagnosis) -> list[bool]:
         for first in found.faults[:1]
         if len(label["faults"]) == 1 and first.fault == truth["fault"] and first.severity_interval is not None
     ]
+
+
+def classes_of(label: dict[str, Any], found: Diagnosis) -> Classes:
+    """True classes of a log, and those of what is held for more likely than not."""
+    said = {class_of(f.fault) for f in found.faults if f.confidence >= HELD_IN_DOUBT}
+    return {class_of(f["fault"]) for f in label["faults"]} or {"healthy"}, said or {"healthy"}
 
 
 def sureness(label: dict[str, Any], found: Diagnosis) -> tuple[float, bool, bool]:

@@ -22,6 +22,9 @@ RESAMPLED = 2000
 LEAST_FOR_CURVE = 30
 """Logs of a fault from which on a curve of finding it over its severity is drawn."""
 
+Classes = tuple[set[str], set[str]]
+"""True and answered ones of a log."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -60,7 +63,7 @@ class Outcome:
         return bool(groups) and all(any(f.fault in g for g in groups) for f in self.entry.faults)
 
     @property
-    def classes(self) -> tuple[set[str], set[str]]:
+    def classes(self) -> Classes:
         """True and answered classes."""
         true = {class_of(f.fault) for f in self.entry.faults} or {"healthy"}
         return true, {class_of(f.fault) for f in self.said} or {"healthy"}
@@ -110,10 +113,10 @@ def rate(count: int, hours: float) -> str:
     return f"{count} in {hours:.1f} h: {count * per:.2f} ({low * per:.2f} to {high * per:.2f}) an hour"
 
 
-def macro_f1(outcomes: Sequence[Outcome]) -> tuple[float, tuple[float, float], dict[str, float]]:
-    """Mean F1 over those of `CLASSES` that occur; its 95 % interval, by logs drawn anew (bootstrap: Efron
-    1979, doi 10.1214/aos/1176344552); and each class's."""
-    n, both = len(outcomes), [o.classes for o in outcomes]
+def macro_f1(both: Sequence[Classes]) -> tuple[float, tuple[float, float], dict[str, float]]:
+    """Mean F1 over those of `CLASSES` that occur in logs' true and answered ones; its 95 % interval, by logs
+    drawn anew (bootstrap: Efron 1979, doi 10.1214/aos/1176344552); and each class's."""
+    n = len(both)
     true, said = (
         np.array([[c in each[k] for c in CLASSES] for each in both], dtype=np.float64) for k in (0, 1)
     )
@@ -180,12 +183,12 @@ def figures(outcomes: Sequence[Outcome]) -> str:
         for t, a in ((o.entry.faults[0], a) for o in single for a in o.said[:1])
         if t.onset_s > 0.0 and t.fault in a.ambiguity and a.severity is not None
     ]
-    mean, (low, high), each = macro_f1(outcomes)
+    mean, (low, high), each = macro_f1([o.classes for o in outcomes])
     error, by_chance, most = calibration_error(
         [o.sureness for o in outcomes], [bool(o.entry.faults) for o in outcomes]
     )
     # Of a log that is its twin but for the noise nobody can tell the fault.
-    shown = [o for o in outcomes if o.entry.visible is not False]
+    shown = [o.classes for o in outcomes if o.entry.visible is not False]
     beside = ""
     if 0 < len(shown) < len(outcomes):
         beside = f", {macro_f1(shown)[0]:.2f} of the {len(shown)} healthy and visible"

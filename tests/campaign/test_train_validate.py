@@ -15,7 +15,7 @@ from fdd.campaign.dataset import Dataset
 from fdd.campaign.generate import _trouble, generate
 from fdd.campaign.labels import Label
 from fdd.campaign.recipe import Recipe
-from fdd.campaign.scores import Outcome, calibration_error, figures, macro_f1, visible_from
+from fdd.campaign.scores import Outcome, calibration_error, class_of, figures, macro_f1, visible_from
 from fdd.campaign.train import LAW_SPREAD, LEAST_LOGS, ScoredLog, learnt, pareto, second_logistic
 from fdd.campaign.validate import estimate_errors, outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import FaultFinding, Trajectories
@@ -124,7 +124,7 @@ def test_the_figures_of_made_up_outcomes() -> None:
         outcome([], [], healthy=0.8),
         outcome([], [finding(air)]),
     ]
-    mean, (low, high), each = macro_f1(outcomes)
+    mean, (low, high), each = macro_f1([o.classes for o in outcomes])
     # Leakage: 3 right, 1 too many; aeration: 2 right, 2 missed, 1 too many; healthy: 1, 1, 1.
     assert each == pytest.approx({"healthy": 2 / 4, "leakage": 6 / 7, "aeration": 4 / 7})
     assert mean == pytest.approx(np.mean(list(each.values()))) and low < mean < high
@@ -148,7 +148,7 @@ def test_the_figures_of_made_up_outcomes() -> None:
 def test_the_interval_of_macro_f1_is_that_of_logs_drawn_anew() -> None:
     rng, true = np.random.default_rng(3), np.array(["pump_wear", "aeration", "seal_wear"] * 30)
     said = np.where(rng.random(90) < 0.7, true, "aeration")
-    low, high = macro_f1([outcome([label(t)], [finding(s)]) for t, s in zip(true, said, strict=True)])[1]
+    low, high = macro_f1([({class_of(t)}, {class_of(s)}) for t, s in zip(true, said, strict=True)])[1]
     reference = bootstrap(
         (np.arange(90),), lambda k: f1_score(true[k], said[k], average="macro"), n_resamples=400, rng=1,
         method="percentile",
