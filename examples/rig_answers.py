@@ -22,10 +22,9 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from fdd.campaign.scores import EARLY_S, Classes, calibration_error, class_of, macro_f1, wilson
+from fdd.campaign.scores import Classes, calibration_error, classes_of, macro_f1, sureness_of, wilson
 from fdd.diagnosis.baseline import add_baseline
 from fdd.diagnosis.findings import Diagnosis
-from fdd.diagnosis.model import HELD_IN_DOUBT
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.faults import fault
 from fdd.identification.identify import identify_unit
@@ -46,7 +45,8 @@ def main() -> None:
     parser.add_argument("--labels", type=Path, help="print a table of truth and answer too")
     options = parser.parse_args()
     labels = json.loads(options.labels.read_text(encoding="utf-8")) if options.labels else {}
-    failures, held, sure, classes = 0, list[bool](), list[tuple[float, bool, bool]](), list[Classes]()
+    failures, held, classes = 0, list[bool](), list[Classes]()
+    sure, faulty = list[tuple[float, bool]](), list[bool]()
     if labels:
         print("| log | load | truth | answer | onset: truth, answer | verdict is |")
         print("| --- | --- | --- | --- | --- | --- |", flush=True)
@@ -72,8 +72,10 @@ def main() -> None:
             if name in by_stem:
                 print(row(name, by_stem[name], found), flush=True)
                 held += sized(by_stem[name], found)
-                sure.append(sureness(by_stem[name], found))
-                classes.append(classes_of(by_stem[name], found))
+                true = {f["fault"]: f["onset_s"] for f in by_stem[name]["faults"]}
+                sure.append(sureness_of(true.keys(), min(true.values(), default=math.inf), found))
+                faulty.append(bool(true))
+                classes.append(classes_of(true.keys(), found))
             else:
                 leading = found.faults[0].fault if found.faults else found.verdict
                 print(f"{name}: {leading} ({time.perf_counter() - started:.1f} s)", flush=True)
@@ -82,8 +84,7 @@ def main() -> None:
     if sure:
         mean, (low, high), _ = macro_f1(classes)
         print(f"Macro-F1 {mean:.2f} ({low:.2f} to {high:.2f})")
-        p, right, faulty = zip(*sure, strict=True)
-        error, by_chance, most = calibration_error(list(zip(p, right, strict=True)), faulty)
+        error, by_chance, most = calibration_error(sure, faulty)
         print(
             f"Calibration error of the {len(sure)} leading statements: {error:.3f}; of calibrated ones "
             f"{by_chance:.3f}, nine in ten below {most:.3f}"
@@ -146,23 +147,6 @@ def sized(label: dict[str, Any], found: Diagnosis) -> list[bool]:
         for first in found.faults[:1]
         if len(label["faults"]) == 1 and first.fault == truth["fault"] and first.severity_interval is not None
     ]
-
-
-def classes_of(label: dict[str, Any], found: Diagnosis) -> Classes:
-    """True classes of a log, and those of what is held for more likely than not."""
-    said = {class_of(f.fault) for f in found.faults if f.confidence >= HELD_IN_DOUBT}
-    return {class_of(f["fault"]) for f in label["faults"]} or {"healthy"}, said or {"healthy"}
-
-
-def sureness(label: dict[str, Any], found: Diagnosis) -> tuple[float, bool, bool]:
-    """What the leading statement gives itself, whether it holds, and whether the log is faulty."""
-    said = [f for f in found.faults if f.confidence >= HELD_IN_DOUBT]
-    true = {f["fault"] for f in label["faults"]}
-    if not said:
-        return found.probabilities["healthy"], not true, bool(true)
-    first = min((f["onset_s"] for f in label["faults"]), default=math.inf)
-    timely = any(f.onset_s >= first - EARLY_S for f in said)
-    return said[0].confidence, timely and not true.isdisjoint(said[0].ambiguity), bool(true)
 
 
 def judged(label: dict[str, Any], found: Diagnosis) -> str:

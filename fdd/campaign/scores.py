@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,7 +43,7 @@ class Outcome:
     @property
     def said(self) -> list[FaultFinding]:
         """Faults that the answer holds for more likely than not, the surest first."""
-        return [f for f in self.found.faults if f.confidence >= HELD_IN_DOUBT]
+        return said_of(self.found)
 
     @property
     def timely(self) -> list[FaultFinding]:
@@ -65,18 +65,35 @@ class Outcome:
     @property
     def classes(self) -> Classes:
         """True and answered classes."""
-        true = {class_of(f.fault) for f in self.entry.faults} or {"healthy"}
-        return true, {class_of(f.fault) for f in self.said} or {"healthy"}
+        return classes_of({f.fault for f in self.entry.faults}, self.found)
 
     @property
     def sureness(self) -> tuple[float, bool]:
         """What the leading statement gives itself, and whether it holds."""
-        if not self.said:
-            return self.found.probabilities["healthy"], not self.entry.faults
-        lead = self.said[0]
-        return lead.confidence, bool(self.timely) and any(
-            f.fault in (lead.fault, *lead.ambiguity) for f in self.entry.faults
-        )
+        first = min((f.onset_s for f in self.entry.faults), default=np.inf)
+        return sureness_of({f.fault for f in self.entry.faults}, first, self.found)
+
+
+def said_of(found: Diagnosis) -> list[FaultFinding]:
+    """Faults that an answer holds for more likely than not, the surest first."""
+    return [f for f in found.faults if f.confidence >= HELD_IN_DOUBT]
+
+
+def classes_of(true: Set[str], found: Diagnosis) -> Classes:
+    """Classes of a log's true faults, and of what is said of it."""
+    return {class_of(f) for f in true} or {"healthy"}, {class_of(f.fault) for f in said_of(found)} or {
+        "healthy"
+    }
+
+
+def sureness_of(true: Set[str], first: float, found: Diagnosis) -> tuple[float, bool]:
+    """What the leading statement gives itself, and whether it holds, of a log whose faults begin at `first`
+    (s)."""
+    said = said_of(found)
+    if not said:
+        return found.probabilities["healthy"], not true
+    timely = any(f.onset_s >= first - EARLY_S for f in said)
+    return said[0].confidence, timely and not true.isdisjoint((said[0].fault, *said[0].ambiguity))
 
 
 def class_of(kind: str) -> str:

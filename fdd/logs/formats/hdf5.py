@@ -22,7 +22,8 @@ _NUMBERS = "fiub"
 
 def open_hdf5(path: Path) -> TreeFile:
     """Signals of an HDF5 file: vectors, columns of matrices and members of compound types; the dataset
-    ``/daq/fast/p_1`` is ``daq/fast/p_1``. An InputError where it is damaged, or without arrays."""
+    ``/daq/fast/p_1`` is ``daq/fast/p_1``. Links to other files are not followed. An InputError where it is
+    damaged, or without arrays."""
     check_hdf5(path)
     nodes: dict[str, Any] = {}
 
