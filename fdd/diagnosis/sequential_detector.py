@@ -111,7 +111,7 @@ class SequentialDetector(Restorable):
     Parameters
     ----------
     hypotheses : faults considered. threshold : score of an alarm. model : learnt layer.
-    unknown : a change that the catalogue explains less than half of is reported as an unknown fault. Over
+    unknown : a change that the catalogue hardly explains is reported as an unknown fault. Over
         weeks too much else changes for that.
 
     Attributes
