@@ -117,7 +117,7 @@ def test_memory_does_not_grow_with_the_run(tmp_path):
 
     block = strokes(5000)
     peaks = []
-    for count in (4, 40):
+    for count in (4, 20):
         blocks = (RunBlock(Samples(block.time + 5.0 * k, block.columns), None, "a") for k in range(count))
         tracemalloc.start()
         write_blocks(tmp_path / "a.mcap", blocks, axes=["a"])

@@ -23,7 +23,7 @@ from fdd.service.storing import Backlog
 from tests.service.senders import until
 from tests.service.servers import postgres_url
 
-KILLS = int(os.environ.get("FDD_TEST_KILLS", "4"))
+KILLS = int(os.environ.get("FDD_TEST_KILLS", "2"))
 
 
 def told(store: Store) -> dict[str, list[Any]]:
