@@ -92,8 +92,7 @@ def test_a_finding_without_gain_explains_all_where_nothing_is_left(monkeypatch) 
     isolated = decision._isolated
 
     def without_gain(*given: object) -> Found:
-        found = isolated(*given)
-        return replace(found, lead=replace(found.lead, gain=0.0))
+        return replace(found := isolated(*given), lead=replace(found.lead, gain=0.0))
 
     monkeypatch.setattr(decision, "_isolated", without_gain)
     monkeypatch.setattr(Evidence, "unexplained", lambda *given: -1.0)

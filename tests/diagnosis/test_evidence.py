@@ -11,9 +11,9 @@ from simulated_logs import DURATION_S, LOADS
 
 from fdd import Scenario, Unit, simulate
 from fdd.diagnosis.baseline import effects_of, history_of
-from fdd.diagnosis.decision import LAW_DOUBT, USUAL_SIZE, Found, beside_the_newest, decide, leading
+from fdd.diagnosis.decision import SAME_EFFECT, USUAL_SIZE, Found, beside_the_newest, decide, leading
 from fdd.diagnosis.departures import WITHIN_FRAMES
-from fdd.diagnosis.evidence import Amplitude, Evidence
+from fdd.diagnosis.evidence import LAW_DOUBT, Amplitude, Evidence
 from fdd.diagnosis.hypotheses import STEP, Hypothesis, hypotheses
 from fdd.diagnosis.sequential_detector import RECOVERED_SHARE
 from fdd.residuals.balance_history import marginalised
@@ -124,6 +124,17 @@ def test_what_a_known_faults_law_leaves_is_no_unknown_fault() -> None:
     assert [f.group for f in found] == [["leak"]]
     alone, _ = decide(drawn(1, [(other, 0.8, 55)]), [LEAK], 4.0)
     assert [f.group for f in alone] == [["unknown"]]
+
+
+def test_what_looks_as_a_larger_fault_does_is_no_further_one() -> None:
+    """At any time: it is what that one's law leaves. Of what looks otherwise both are told."""
+    like, unlike = hypothesis("like", [0.9, 0.2, 0.0]), hypothesis("unlike", [0.2, 0.9, 0.0])
+    for other, found in ((like, ["leak"]), (unlike, ["leak", "unlike"])):
+        evidence = drawn(1, [(LEAK, 1.2, 25), (other, 0.6, 55)])
+        leak = best(evidence, LEAK)
+        assert (evidence.correlations(leak, [other])[0] > SAME_EFFECT) == (other is like)
+        assert evidence.fits([other], [leak])[0].score > 10.0
+        assert names(decide(evidence, [LEAK, other], 4.0)[0]) == found
 
 
 def test_of_faults_in_balances_apart_the_surest_leads() -> None:
