@@ -131,9 +131,8 @@ def test_what_looks_as_a_larger_fault_does_is_no_further_one() -> None:
     like, unlike = hypothesis("like", [0.9, 0.2, 0.0]), hypothesis("unlike", [0.2, 0.9, 0.0])
     for other, found in ((like, ["leak"]), (unlike, ["leak", "unlike"])):
         evidence = drawn(1, [(LEAK, 1.2, 25), (other, 0.6, 55)])
-        leak = best(evidence, LEAK)
-        assert (evidence.correlations(leak, [other])[0] > SAME_EFFECT) == (other is like)
-        assert evidence.fits([other], [leak])[0].score > 10.0
+        assert (evidence.correlations(best(evidence, LEAK), [other])[0] > SAME_EFFECT) == (other is like)
+        assert evidence.fits([other], [best(evidence, LEAK)])[0].score > 10.0
         assert names(decide(evidence, [LEAK, other], 4.0)[0]) == found
 
 

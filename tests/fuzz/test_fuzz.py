@@ -10,10 +10,7 @@ EACH = 100
 
 @pytest.mark.slow
 def test_changed_files_are_read_or_refused_in_one_line():
-    """Corpus: files that once ended the process, hung or raised something else than an `InputError`.
-
-    The processes read every seed before their first case.
-    """
+    """Corpus: files that once ended the process, hung or raised something else than an `InputError`."""
     corpus = [Task(p.parent.name, file=p) for p in sorted(CORPUS.glob("*/*"))]
     assert len(corpus) >= 15
     out = fuzz([*corpus, *tasks_of(KINDS, EACH * len(KINDS), seed=1000)])

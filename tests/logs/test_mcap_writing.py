@@ -1,6 +1,7 @@
 """What is written as MCAP, as the libraries of MCAP and Protobuf read it."""
 
 import json
+import tracemalloc
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -113,10 +114,7 @@ def test_the_schema_says_what_the_messages_hold(tmp_path):
 
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_run(tmp_path):
-    import tracemalloc
-
-    block = strokes(5000)
-    peaks = []
+    block, peaks = strokes(5000), list[int]()
     for count in (4, 20):
         blocks = (RunBlock(Samples(block.time + 5.0 * k, block.columns), None, "a") for k in range(count))
         tracemalloc.start()

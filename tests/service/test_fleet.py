@@ -99,8 +99,7 @@ def test_an_axis_that_is_put_off_loses_nothing_and_tells_nothing_twice_over_rest
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
 def test_a_kill_at_any_instant_loses_nothing_and_tells_nothing_twice(kind, store, tmp_path):
-    """While it starts, works, waits for a block before another one, is put off or catches up; FDD_TEST_KILLS
-    sets how often."""
+    """While it starts, works, waits for a block before another one, is put off or catches up."""
     log = leaking(24.0, 8.0)
     np.savez(tmp_path / "log.npz", time=log.time, **log.columns)
     program = [sys.executable, str(Path(__file__).with_name("watched.py"))]
