@@ -173,8 +173,8 @@ def _of_a_larger(one: Found, found: list[Found]) -> bool:
 
 
 def _alike_a_larger(evidence: Evidence, one: Found, begun: list[Found]) -> bool:
-    """Whether a larger fault has the same effect: what its law leaves there looks like that, at any time. On
-    simulated kinds of machine one in seven of such findings was another fault (seeds 6001, 6002)."""
+    """Whether a larger fault has the same effect: what its law leaves looks like that, at any time. Of 16
+    such findings in logs of one fault none was another, of 22 in logs of two 11 (seeds 6001, 6002, 5511)."""
     larger = [f.lead.hypothesis for f in begun if f.lead.gain > one.lead.gain]
     same = evidence.correlations(one.lead, larger) > SAME_EFFECT if larger else ()
     return one.lead.hypothesis.ends is None and any(same)
