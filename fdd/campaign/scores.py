@@ -81,9 +81,8 @@ def said_of(found: Diagnosis) -> list[FaultFinding]:
 
 def classes_of(true: Set[str], found: Diagnosis) -> Classes:
     """Classes of a log's true faults, and of what is said of it."""
-    return {class_of(f) for f in true} or {"healthy"}, {class_of(f.fault) for f in said_of(found)} or {
-        "healthy"
-    }
+    said = {class_of(f.fault) for f in said_of(found)}
+    return {class_of(f) for f in true} or {"healthy"}, said or {"healthy"}
 
 
 def sureness_of(true: Set[str], first: float, found: Diagnosis) -> tuple[float, bool]:

@@ -31,7 +31,7 @@ UNKNOWN_BELOW = 0.3
 (seeds 6002, 5511) 2 of 196 right leading findings explained less, and 16 of 180 whose fault was taken out of
 the catalogue: as many, were one fault in ten outside it. From there to a half it was 5 and 7."""
 LAWS_REST = 0.5
-"""The same below which a finding is what another one's law leaves that changes its balances more."""
+"""Share explained below which a finding beside a larger one of its balances is what that one's law leaves."""
 TOGETHER_FRAMES = 4
 """Frames within which two onsets count as the same."""
 

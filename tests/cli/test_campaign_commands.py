@@ -123,8 +123,7 @@ def test_the_page_for_researchers_is_true(ran, tmp_path, monkeypatch):
     shutil.copytree(ROOT / "datasets", tmp_path / "datasets")
     monkeypatch.chdir(tmp_path)
     text = (ROOT / "docs" / "research.md").read_text(encoding="utf-8")
-    shown: dict[str, object] = {}
-    said: list[str] = []
+    shown, said = dict[str, object](), list[str]()
     for kind, block in re.findall(r"^```(sh|python)\n(.*?)^```", text, flags=re.M | re.S):
         if kind == "python" and block.startswith("# mine.py"):
             (tmp_path / "mine.py").write_text(block)
@@ -136,7 +135,8 @@ def test_the_page_for_researchers_is_true(ran, tmp_path, monkeypatch):
     assert "unseen" in text and len(said) == 5
     assert re.search(r"accuracy (0\.[5-9]\d|1\.00), macro-F1", said[2]), "gross faults"
     assert "takes it for" in said[3]
-    search = shown["search"]
-    assert search.score(shown["X_test"], shown["y_test"]) > 0.5
-    rows = parquet.read_table("smoke/features.parquet").to_pandas()
+    assert shown["search"].score(shown["X_test"], shown["y_test"]) > 0.5
+    ran("features", "smoke", "-o", "again.parquet", "--workers", 2)
+    assert Path("again.parquet").read_bytes() == Path("smoke/features.parquet").read_bytes(), "by any workers"
+    rows = parquet.read_table("again.parquet").to_pandas()
     assert list(rows.columns[-len(FEATURES) :]) == list(FEATURES)
