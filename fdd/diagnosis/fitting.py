@@ -197,7 +197,10 @@ def fit(
     gain = np.maximum(gain, schur * size * (free - 0.5 * size))
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
-    ratio = heavy_tailed(_gain(likely, size), freedom(likely.healthy, behind))
+    # What a fault leaves beyond its own gain is no error of its law or course: so far this log scatters.
+    beyond = np.maximum(0.5 * reduced_chi_square * behind - gain, 0.0) / (1.0 + overdispersion)
+    tails = freedom(likely.healthy, behind)
+    ratio = heavy_tailed(beyond + _gain(likely, size), tails) - heavy_tailed(beyond, tails)
     occam = 0.5 * np.log1p(scales[:, 0] ** 2 * precision)  # of Laplace's approximation
     score = ratio - occam
     # The posterior's share above zero over the prior's, which is a half: 2 Φ(z).
