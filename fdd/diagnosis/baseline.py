@@ -279,5 +279,7 @@ def moderation(name: str, logs: Sequence[tuple[Array, Array, LogConditions]], ef
 
 
 def moderated(effects: Effects, factor: Array) -> Effects:
-    """The effects of a unit whose log-to-log variances are so much the population's, (columns,)."""
-    return replace(effects, between=effects.between * np.sqrt(factor))
+    """The effects of a unit whose variances, from log to log and within one, are so much the population's,
+    (columns,): air that goes in and out of solution does both."""
+    root = np.sqrt(factor)
+    return replace(effects, between=effects.between * root, within=effects.within * root)

@@ -197,8 +197,14 @@ def fit(
     gain = np.maximum(gain, schur * size * (free - 0.5 * size))
     spoken = np.maximum(u + w, 0.0)
     behind = spoken.sum(axis=1) ** 2 / np.maximum(np.sum(spoken**2, axis=1), 1e-300)
-    # What a fault leaves beyond its own gain is no error of its law or course: so far this log scatters.
-    beyond = np.maximum(0.5 * reduced_chi_square * behind - gain, 0.0) / (1.0 + overdispersion)
+    most = np.maximum(GREATEST, np.abs(size))
+    while_acting = _while_acting(frame_scores, frame_information, overdispersion)
+    active_amplitude = np.clip(size * while_acting, -most, most)
+    # Of a fault that acts a share s of the time a step leaves (1 - s) / s of its gain, and less of one
+    # whose law errs. What is left beyond, this log scatters by.
+    leaves = np.divide(active_amplitude, size, out=np.ones_like(size), where=size != 0.0) - 1.0
+    beyond = 0.5 * reduced_chi_square * behind - np.maximum(leaves, 1.0) * gain
+    beyond = np.maximum(beyond, 0.0) / (1.0 + overdispersion)
     tails = freedom(likely.healthy, behind)
     ratio = heavy_tailed(beyond + _gain(likely, size), tails) - heavy_tailed(beyond, tails)
     occam = 0.5 * np.log1p(scales[:, 0] ** 2 * precision)  # of Laplace's approximation
@@ -206,9 +212,6 @@ def fit(
     # The posterior's share above zero over the prior's, which is a half: 2 Φ(z).
     above = [math.log1p(math.erf(z)) for z in np.abs(size * np.sqrt(0.5 * precision)).tolist()]
     score += np.where(parts.signed, above, 0.0)
-    most = np.maximum(GREATEST, np.abs(size))
-    while_acting = _while_acting(frame_scores, frame_information, overdispersion)
-    active_amplitude = np.clip(size * while_acting, -most, most)
     variance = 1.0 / precision + np.maximum(reduced_chi_square - overdispersion, 0.0) / schur
     rows = (size, variance, active_amplitude, gain, overdispersion, reduced_chi_square, behind, score)
     fits = zip(np.column_stack(rows).tolist(), by_balance, strict=True)
