@@ -45,8 +45,8 @@ def fit(seed: int, amplitude: float, onset: int = 40, **more: float) -> Amplitud
 def test_amplitude_covers_and_onset_is_met() -> None:
     fits = [fit(seed, 0.3) for seed in range(200)]
     assert 0.72 <= inside(fits, 0.3) <= 0.88
-    off = np.array([(f.size - 0.3) / np.sqrt(f.variance) for f in fits])
-    assert abs(off.mean()) < 3.0 / np.sqrt(len(fits)), "no bias"
+    off = np.mean([(f.size - 0.3) / np.sqrt(f.variance) for f in fits])
+    assert abs(off) < 3.0 / np.sqrt(len(fits)), "no bias"
     assert np.mean([abs(f.onset - 40) <= 1 for f in fits]) >= 0.9
     assert all(f.shape == STEP for f in fits if f.onset == 40)
 
@@ -184,15 +184,14 @@ def test_a_fault_that_comes_and_goes_is_as_severe_as_while_it_acts() -> None:
     fits = [best(drawn(seed, edges), LEAK) for seed in range(20)]
     assert np.mean([f.size for f in fits]) == pytest.approx(0.4, abs=0.1)
     assert np.mean([f.active_amplitude for f in fits]) == pytest.approx(0.8, abs=0.1)
-    steady = [fit(seed, 0.8) for seed in range(20)]
-    assert np.mean([f.active_amplitude for f in steady]) == pytest.approx(0.8, abs=0.05)
+    steady = [fit(seed, 0.8).active_amplitude for seed in range(20)]
+    assert np.mean(steady) == pytest.approx(0.8, abs=0.05)
 
 
 def test_the_sandwich_keeps_coverage_where_errors_hang_together() -> None:
     fits = [fit(seed, 0.5, colour=0.5) for seed in range(100)]
     naive = [replace(f, variance=f.variance / max(f.overdispersion, f.reduced_chi_square)) for f in fits]
-    assert inside(fits, 0.5) >= 0.7
-    assert inside(fits, 0.5) > inside(naive, 0.5) + 0.1
+    assert inside(fits, 0.5) >= max(0.7, inside(naive, 0.5) + 0.1)
 
 
 def test_equal_columns_are_one_group() -> None:
@@ -200,8 +199,7 @@ def test_equal_columns_are_one_group() -> None:
     evidence = drawn(5, [(LEAK, 0.6, 40)])
     (found,), _ = decide(evidence, [LEAK, twin, DRIFT], 6.0)
     same, other, apart = evidence.correlations(found.lead, [LEAK, twin, DRIFT])
-    assert [same, other] == pytest.approx([1.0, 1.0], abs=1e-6)
-    assert apart < 0.5
+    assert [same, other] == pytest.approx([1.0, 1.0], abs=1e-6) and apart < 0.5
     assert set(found.group) == {"leak", "twin"}
     # Nothing but their usual sizes parts them: 0.6 and half as much, by Rayleigh's distribution.
     odds = 0.6 / 0.3 * np.exp(-0.5 * (0.6**2 - 0.3**2) / USUAL_SIZE**2)
@@ -209,8 +207,8 @@ def test_equal_columns_are_one_group() -> None:
 
 
 def test_of_two_that_look_alike_the_commoner_leads() -> None:
-    rare = hypothesis("rare", [1.0, 0.0, 0.0])
-    common = replace(hypothesis("common", [1.0, 0.0, 0.0]), prior_weight=5.0)
+    rare, common = (hypothesis(name, [1.0, 0.0, 0.0]) for name in ("rare", "common"))
+    common = replace(common, prior_weight=5.0)
     (found,), _ = decide(drawn(5, [(LEAK, 0.6, 40)]), [rare, common], 6.0)
     assert found.group == ["common", "rare"]
     assert found.shares["common"] / found.shares["rare"] == pytest.approx(5.0, rel=0.05)
@@ -241,19 +239,16 @@ def test_a_mixture_is_dropped_beside_the_two_that_it_mixes(seed: int) -> None:
     mixed = Hypothesis("mixed", "mixed", {"volume": both}, 0.7, True)
     found = found_at(evidence, (mixed, 46), (LEAK, 40), (DRIFT, 52))
     assert found[0].score > 8.0, "else this shows nothing"
-    kept = beside_the_newest(evidence, found, [LEAK, DRIFT, mixed], 6.0)
-    assert names(kept) == ["leak", "drift"]
+    assert names(beside_the_newest(evidence, found, [LEAK, DRIFT, mixed], 6.0)) == ["leak", "drift"]
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_second_fault_is_found_beside_the_first(seed: int) -> None:
     found, rest = decide(drawn(seed, [(LEAK, 0.7, 25), (DRIFT, 0.5, 55)]), [LEAK, DRIFT], 6.0)
-    assert set(names(found)) == {"leak", "drift"}
+    assert set(names(found)) == {"leak", "drift"} and rest < 6.0
     for f in found:
         true, onset = (0.7, 25) if f.lead.hypothesis is LEAK else (0.5, 55)
-        assert f.lead.size == pytest.approx(true, abs=0.15)
-        assert abs(f.lead.onset - onset) <= 2
-    assert rest < 6.0
+        assert f.lead.size == pytest.approx(true, abs=0.15) and abs(f.lead.onset - onset) <= 2
 
 
 def test_known_faults_in_balances_apart_change_no_fit_and_coupled_ones_do() -> None:
@@ -337,22 +332,17 @@ def test_a_large_effect_in_one_balance_does_not_hide_what_another_says() -> None
 
 @pytest.mark.parametrize("seed", range(5))
 def test_one_loud_stretch_is_worth_less_than_a_fault_that_stands(seed: int) -> None:
-    """Of ten alike stretches 5/6 of the evidence counts, of two a half."""
+    """Of ten alike stretches 5/6 counts, of two half; what leaves more than it gains, if it acts seldom."""
     loud = best(drawn(seed, [(LEAK, 6.0, 40), (LEAK, -6.0, 44)]), LEAK)
     standing = best(drawn(seed, [(LEAK, 0.6, 40)]), LEAK)
     assert loud.onset == standing.onset == 40
     assert loud.gain > standing.gain and loud.blocks < 3.0 < 8.0 < standing.blocks
     assert loud.score / loud.gain < 0.65 * standing.score / standing.gain
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_what_leaves_more_than_it_explains_is_worth_little(seed: int) -> None:
-    """A step of 0.6 about which the log's stretches of two seconds scatter by three, as where a load moves a
-    machine that rests, beside one that stands and one that comes and goes."""
     swings = [(LEAK, 6.0 * (-1) ** k, 40 + 4 * k) for k in range(10)]
-    scattering = best(drawn(seed, [(LEAK, 0.6 - 3.0, 40), *swings]), LEAK)
-    standing = best(drawn(seed, [(LEAK, 0.6, 40)]), LEAK)
-    assert scattering.gain > standing.gain and scattering.score < 5.0 < standing.score
+    scattering = best(drawn(seed, [(LEAK, -2.4, 40), *swings]), LEAK)
+    assert scattering.gain > standing.gain and scattering.score < 0.0
+    seldom = best(drawn(seed, [(LEAK, (-1) ** k, at) for k, at in enumerate((36, 42, 56, 62))]), LEAK)
+    assert seldom.active_amplitude > 2.5 * seldom.size and seldom.score > 12.0
 
 
 SEVERITY = 0.6
