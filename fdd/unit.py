@@ -181,9 +181,9 @@ class BalanceBaseline(Section):
 
     `columns`, `mean`, `covariance`: of its coefficients. `noise`: std of a row. `information`: of all frames.
     `scatter`: sum of squares of the scores of stretches of 2 s, which the information would equal if all
-    errors were independent; empty in older profiles. `moderation`: this unit's log-to-log variances over the
-    population's; empty for the same. `hops`: how many frames told something. `hop_noise`: what older versions
-    wrote, and nothing reads.
+    errors were independent; empty in older profiles. `moderation`: this unit's variances, from log to log and
+    within one, over the population's; empty for the same. `hops`: how many frames told something.
+    `hop_noise`: what older versions wrote, and nothing reads.
     """
 
     columns: Annotated[list[str], Field(min_length=1, max_length=64)]

@@ -200,7 +200,10 @@ def fit(
     most = np.maximum(GREATEST, np.abs(size))
     while_acting = _while_acting(frame_scores, frame_information, overdispersion)
     active_amplitude = np.clip(size * while_acting, -most, most)
-    beyond = _left_beyond(0.5 * reduced_chi_square * behind, gain, active_amplitude, size)
+    # Of a fault that acts a share s of the time a step leaves (1 - s) / s of its gain, and less of one whose
+    # law errs. What is left beyond, the log scatters by.
+    course = np.abs(active_amplitude) / np.maximum(np.abs(size), 1e-300) - 1.0
+    beyond = np.maximum(0.5 * reduced_chi_square * behind - np.maximum(course, 1.0) * gain, 0.0)
     beyond /= 1.0 + overdispersion
     tails = freedom(likely.healthy, behind)
     ratio = heavy_tailed(beyond + _gain(likely, size), tails) - heavy_tailed(beyond, tails)
@@ -250,16 +253,6 @@ def by_noise_model(
     if from_start:
         likely = [plain._replace(information=plain.information / (1.0 + overdispersion))]
     return plain, found, likely[0]
-
-
-def _left_beyond(left: Array, gain: Array, active_amplitude: Array, size: Array) -> Array:
-    """Misfit (f,) by which the log scatters, in nats: what is left beyond what a fault's course and law may.
-
-    Of a fault that acts a share s of the time a step leaves (1 - s) / s of its gain, and less of one whose
-    law errs.
-    """
-    course = np.divide(active_amplitude, size, out=np.ones_like(size), where=size != 0.0) - 1.0
-    return np.maximum(left - np.maximum(course, 1.0) * gain, 0.0)
 
 
 def _while_acting(u: Array, w: Array, overdispersion: Array) -> Array:

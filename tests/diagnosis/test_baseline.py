@@ -54,13 +54,13 @@ def test_a_log_is_held_against_its_units_baseline_and_what_differs_between_logs(
             np.testing.assert_array_equal(e.mean, known.mean)
             between = np.diag(e.covariance) - np.diag(np.array(known.covariance))
             usual = first.between_logs(usual_conditions(known.noise)) * known.moderation
-            np.testing.assert_allclose(between, usual, rtol=1e-6)
+            within = first.within * np.sqrt(known.moderation)
+            np.testing.assert_allclose([between, e.within], [usual, within], rtol=1e-6)
             assert e.noise == known.noise and e.information.any() and e.scatter.any()
 
 
 USUAL = LogConditions(1.0, 0.0, 0.0, 0.0, 0.0)
 FIRST = first_effects("coherence")
-COLUMNS = len(FIRST.mean)
 
 
 def logs(std: float, count: int, precision: float, seed: int = 5) -> list:
@@ -68,7 +68,7 @@ def logs(std: float, count: int, precision: float, seed: int = 5) -> list:
     rng = np.random.default_rng(seed)
     between = np.sqrt(FIRST.between_logs(USUAL))
     information = np.diag(precision / between**2)
-    drawn = FIRST.mean + std * between * rng.standard_normal((count, COLUMNS))
+    drawn = FIRST.mean + std * between * rng.standard_normal((count, FIRST.mean.size))
     return [(information, information @ theta, USUAL) for theta in drawn]
 
 
