@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import logit
 from sklearn.linear_model import LogisticRegression
 
 from fdd import __version__
@@ -190,20 +189,14 @@ def _score(entry: Entry, samples: Samples, profile: Unit, model: Model) -> Score
     pipeline.push(samples)
     found = pipeline.finish()
     hydraulic = [f for f in found.faults if f.family != "sensor" or f.severity is not None]
-    names, calibration = {f.fault for f in entry.faults}, pipeline.model.calibration
+    names = {f.fault for f in entry.faults}
     onset = min((f.onset_s for f in entry.faults), default=found.duration_s)
     return ScoredLog(
         family=entry.family, score=pipeline.score, peak=pipeline.largest_score, healthy_s=onset,
-        doubt=_doubt(entry, hydraulic, calibration.severity_doubt),
+        doubt=_doubt(entry, hydraulic, model.calibration.severity_doubt),
         hidden=hidden_share(found.not_visible), faults=tuple(f.fault for f in entry.faults),
         laws=tuple((f.fault, f.law) for f in entry.faults if f.law is not None),
-        later=tuple(
-            (
-                calibration.second_midpoint + float(logit(f.confidence)) / calibration.second_slope,
-                bool(names.intersection(f.ambiguity)),
-            )
-            for f in hydraulic[1:]
-        ),
+        later=tuple((root(f.score or 0.0), bool(names.intersection(f.ambiguity))) for f in hydraulic[1:]),
     )  # fmt: skip
 
 

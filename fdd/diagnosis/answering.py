@@ -69,7 +69,7 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
     if not found.known:
         return FaultFinding(
             fault="unknown", family="unknown", ambiguity=["unknown"], confidence=round(min(sure, 0.9999), 4),
-            **times, evidence=[
+            score=round(found.score, 2), **times, evidence=[
                 f"The balance of {titles} does not close from {onset:.1f} s on, and no fault of the "
                 f"catalogue explains it: the nearest, {fault(h.fault).title}, no more than "
                 f"{100 * found.explained:.0f} % of what changed."
@@ -106,8 +106,8 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
         sentences.append(f"In this log {names} would look alike: {parts}.")
     return FaultFinding(
         fault=h.fault, family=fault(h.fault).family, ambiguity=group, shares=alike,
-        confidence=round(min(sure * share, 0.9999), 4), **times, severity=round(size, 3), evidence=sentences,
-        severity_interval=(low, high),
+        confidence=round(min(sure * share, 0.9999), 4), score=round(found.score, 2), **times,
+        severity=round(size, 3), severity_interval=(low, high), evidence=sentences,
         side=h.side, variant=h.variant, channel=h.channel, next_check=fault(h.fault).next_check,
     )  # fmt: skip
 

@@ -36,6 +36,8 @@ class FaultFinding(BaseModel):
     shares: dict[str, float] = Field(default_factory=dict)
     """How likely each of the ambiguity group is, were it one of them; empty where there is but one."""
     confidence: float = Field(ge=0, le=1)
+    score: float | None = Field(default=None, exclude_if=is_none)
+    """Log likelihood ratio against none, by which it was found; None of what a channel's own watch says."""
     onset_s: float
     detected_s: float
     severity: float | None = None

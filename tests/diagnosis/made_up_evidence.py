@@ -38,12 +38,12 @@ THIRD = hypothesis("third", [0.3, -0.4, 1.0], signed=False)
 
 def drawn(
     seed: int, faults: Sequence[tuple[Hypothesis, float, int]] = (), *, colour: float = 0.0,
-    frames: int = FRAMES, steady: bool = False, grow: int = 0,
+    frames: int = FRAMES, steady: bool = False, grow: int = 0, share: float = 0.0,
 ) -> Evidence:  # fmt: skip
     """Evidence of a log with steps of hypotheses, of an amplitude from a frame on.
 
     `colour` is the share of a frame's error that a block of two seconds has in common; `steady`: no wander;
-    `grow`: frames in which faults grow to their amplitude.
+    `grow`: frames in which faults grow to their amplitude, from a share of it.
     """
     rng = np.random.default_rng(seed)
     n = EFFECTS.mean.size
@@ -55,7 +55,8 @@ def drawn(
         b = start + effects.wander * rng.normal(size=n)
         for fault, amplitude, onset in faults:
             if h >= onset:
-                b = b + amplitude * min((h - onset + 0.5) / max(grow, 1e-9), 1.0) * fault.columns[NAME]
+                grown = share + (1.0 - share) * min((h - onset + 0.5) / max(grow, 1e-9), 1.0)
+                b = b + amplitude * grown * fault.columns[NAME]
         x = rng.normal(size=(25, n)) * np.array([3.0, 2.0, 1.5])
         information[h] = x.T @ x * (1e6 if steady else 1.0)
         own = np.linalg.cholesky(information[h]) @ (
