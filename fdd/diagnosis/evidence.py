@@ -28,9 +28,10 @@ from fdd.diagnosis.hypotheses import (
     Shape,
     SuffixSums,
     coming_and_going,
+    correlated,
     time_profile_of,
 )
-from fdd.residuals.compiled import Array
+from fdd.residuals.compiled import Array, Flags
 from fdd.residuals.effects import Effects, duty_profiles
 
 Known = tuple[tuple[int, Shape, int, float], ...]
@@ -67,12 +68,17 @@ class Amplitude(Fit):
     onsets: Array  # (k,)
     begun: Array | None = None  # (h,) of what comes and goes, probability that it has begun
 
+    @property
+    def scatter(self) -> float:
+        """Variance of the stretches' scores over their information, by healthy time or under the fault."""
+        return max(self.overdispersion, self.reduced_chi_square)
+
     def onset_quantiles(self, *shares: float) -> list[int]:
         """Frames up to which shares of the onset's posterior lie, over all shapes; the first is the step."""
         if self.begun is not None:
             within = np.searchsorted(self.begun, shares).clip(max=self.begun.size - 1)
             return [int(k) for k in within]
-        scatter = max(self.overdispersion, self.reduced_chi_square) + TIMING_DOUBT**2 * self.gain
+        scatter = self.scatter + TIMING_DOUBT**2 * self.gain
         weight = np.exp((self.onset_gains - self.onset_gains.max()) / scatter)
         weight = DATED_PRIOR[: len(weight)] @ weight
         below = np.cumsum(weight) / weight.sum()
@@ -89,6 +95,13 @@ def _likeliest(gain: Array) -> int:
     """Place of the largest gain over onsets; the middle of a plateau, which frames that tell nothing make."""
     best = np.flatnonzero(gain >= (1.0 - 1e-6) * gain.max())
     return int(best[best.size // 2])
+
+
+def _gain(b: Array, lam: Array, signed: Flags) -> Array:
+    """Log likelihood ratios of amplitudes with such scores and information, within their bounds."""
+    size = b / lam
+    size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
+    return np.asarray(size * (b - 0.5 * lam * size))
 
 
 class Evidence:
@@ -180,10 +193,10 @@ class Evidence:
         h = found.hypothesis
         if there_before(found.shape, found.onset) or "ramp" not in h.time_profiles:
             return found
-        gains = self._gains([h], known, DATED)[:, 0]
+        gains = self._dated_gains(h, known)
         # What is there in the first frame was there before it.
         gains[np.ix_([shape.at_once > 0.0 for shape in DATED], self.onsets == 0)] = -np.inf
-        best = int(np.argmax(gains.max(axis=1)))
+        best = int(np.argmax(gains.max(axis=1) + found.scatter * np.log(DATED_PRIOR)))
         (anew,) = self.fitted([(h, DATED[best], int(self.onsets[_likeliest(gains[best])]), gains)], known)
         if steady:
             return anew
@@ -225,13 +238,11 @@ class Evidence:
         share = float(now.time_profile[now.onset :].mean())
         return replace(now, size=now.size * share, time_profile=now.time_profile / share)
 
-    def _gains(
-        self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude], shapes: Sequence[Shape] = SHAPES
-    ) -> Array:
+    def _gains(self, hypotheses: Sequence[Hypothesis], known: Sequence[Amplitude]) -> Array:
         """Gains (shapes, f, k) of hypotheses with each shape over onsets; -inf for shapes not taken."""
         scale, signed = (np.array([getattr(h, x) for h in hypotheses]) for x in ("scale", "signed"))
-        takes = np.array([[shape.kind in h.time_profiles for h in hypotheses] for shape in shapes])
-        lam = np.tile(1.0 / scale**2, (len(shapes), self.onsets.size, 1))
+        takes = np.array([[shape.kind in h.time_profiles for h in hypotheses] for shape in SHAPES])
+        lam = np.tile(1.0 / scale**2, (len(SHAPES), self.onsets.size, 1))
         b = np.zeros_like(lam)
         for name, e in self.balances.items():
             mine = np.flatnonzero([name in h.columns for h in hypotheses])
@@ -241,7 +252,7 @@ class Evidence:
             contribution = np.moveaxis(e.score_contribution(columns), 0, 1)  # (h, f, n)
             own = SuffixSums(np.einsum("hfn,fn->hf", contribution, columns))
             scores = SuffixSums((e.rest - self._moved(name, known)) @ columns.T)
-            for i, shape in enumerate(shapes):
+            for i, shape in enumerate(SHAPES):
                 k = takes[i, mine]
                 if k.any():
                     lam[i][:, mine[k]] += own.squared(shape, self.onsets)[:, k]
@@ -249,10 +260,20 @@ class Evidence:
                     absorbed = columns[k] @ e.suffix_sums.over(shape, self.onsets)
                     lam[i][:, mine[k]] -= np.einsum("kfz,kfz->kf", absorbed, absorbed)
                     b[i][:, mine[k]] += scores.over(shape, self.onsets)[:, k]
-        size = b / lam
-        size = np.where(signed, np.clip(size, 0.0, GREATEST), size)
-        gain = size * (b - 0.5 * lam * size)
-        return np.where(takes[..., None], np.moveaxis(gain, 1, 2), -np.inf)
+        return np.where(takes[..., None], np.moveaxis(_gain(b, lam, signed), 1, 2), -np.inf)
+
+    def _dated_gains(self, h: Hypothesis, known: Sequence[Amplitude]) -> Array:
+        """Gains (shapes, k) of a hypothesis with each of the shapes `DATED` over onsets."""
+        profiles = np.array([time_profile_of(shape, self.frames, 0) for shape in DATED])
+        lam, b = np.full(1, 1.0 / h.scale**2), np.zeros(1)
+        for name in filter(self.balances.__contains__, h.columns):
+            e, g = self.balances[name], h.columns[name]
+            absorbed = np.einsum("hnz,n,z->hz", e.contribution, g, np.sqrt(e.variance))
+            scores = np.column_stack([(e.rest - self._moved(name, known)) @ g, absorbed])
+            sums = correlated(profiles, scores)[:, self.onsets]
+            own = correlated(np.square(profiles), e.score_contribution(g) @ g[:, None])[:, self.onsets, 0]
+            lam, b = lam + own - np.sum(np.square(sums[..., 1:]), axis=2), b + sums[..., 0]
+        return _gain(b, lam, np.array(h.signed))
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
         """Score contribution (h, n) of known faults to a balance's frames, less the shift they cause."""

@@ -22,21 +22,25 @@ USUAL_SEVERITY = 0.7
 
 class Shape(NamedTuple):
     """Shape of a time profile: a step, a ramp that grows to its full size over that many frames, or a drift
-    that goes on by as much in each of them; and the share of the full size that is there at once."""
+    that goes on by as much in each of them; the share of the size that is there at once, and by what power of
+    time it grows."""
 
     kind: str
     frames: int
     at_once: float = 0.0
+    power: int = 1
 
 
 STEP, RAMP, DRIFT = Shape("step", 0, 1.0), Shape("ramp", 24), Shape("drift", 100)
 SHAPES = (STEP, RAMP, DRIFT)
 """Of faults that are sought. More lengths of ramps find no more of them, and chance finds more."""
-LENGTHS, SHARES = (2, 4, 8, 16, 24, 40, 60, 90), (0.0, 1 / 3, 2 / 3)
-DATED = (STEP, *(Shape("ramp", frames, share) for share in SHARES for frames in LENGTHS))
-"""Shapes that a fault's onset is told by once it is found: ramps of 1 to 45 s. What begins with a part of its
-size and grows on, as a leak does in oil that warms, one from nothing would date seconds early."""
-DATED_PRIOR = np.repeat([0.6, 0.3 / 8, 0.1 / 16], [1, 8, 16])
+LENGTHS = (2, 4, 8, 16, 24, 40, 60, 90)
+GROWTHS = ((0.0, 1), (0.0, 2), (1 / 3, 1), (2 / 3, 1))
+"""Share that is there at once, and power of time: a hole grows by the square of its width, and what begins
+with a part of its size, as in oil that warms, a ramp from nothing would date seconds early."""
+DATED = (STEP, *(Shape("ramp", frames, *growth) for growth in GROWTHS for frames in LENGTHS))
+"""Shapes that a fault's onset is told by once it is found: ramps of 1 to 45 s."""
+DATED_PRIOR = np.repeat([0.6, 0.3 / 16, 0.1 / 16], [1, 16, 16])
 """Prior probabilities: most faults are there at once, and of the others most grow from nothing; assumed."""
 AT_START = 0.1
 """Prior probability that what comes and goes acts in the first frame, as in the recipes; assumed. Else it
@@ -126,7 +130,7 @@ def time_profile_of(shape: Shape, frames: int, onset: int) -> Array:
     if shape.kind == "step":
         return step
     grown = np.clip((since + 0.5) / shape.frames, 0.0, 1.0 if shape.kind == "ramp" else None)
-    return shape.at_once * step + (1.0 - shape.at_once) * grown
+    return shape.at_once * step + (1.0 - shape.at_once) * grown**shape.power
 
 
 def coming_and_going(log_odds: Array) -> tuple[Array, Array]:
@@ -153,6 +157,13 @@ def coming_and_going(log_odds: Array) -> tuple[Array, Array]:
     return 1.0 - both[:, 0], both[:, 1]
 
 
+def correlated(profiles: Array, x: Array) -> Array:
+    """Sums over frames of x (h, z) times profiles (s, h) that begin with each frame, (s, h, z); by FFT."""
+    size = 2 * len(x)
+    product = np.fft.rfft(profiles, size).conj()[..., None] * np.fft.rfft(x, size, axis=0)
+    return np.asarray(np.fft.irfft(product, size, axis=1)[:, : len(x)])
+
+
 class SuffixSums:
     """Sums over frames of (h, …) times a time profile or its square, for each onset of the profile, (k, …);
     by repeated suffix sums, so that every onset costs the same."""
@@ -166,7 +177,8 @@ class SuffixSums:
         """Σ φ x."""
         if shape.kind == "step":
             return self.one[onsets]
-        return shape.at_once * self.one[onsets] + (1.0 - shape.at_once) * self._grown(shape, onsets)
+        past = _at(self.grown, onsets + shape.frames) if shape.kind == "ramp" else 0.0
+        return np.asarray((self.grown[onsets] - past) / shape.frames)
 
     def squared(self, shape: Shape, onsets: Indices) -> Array:
         """Σ φ² x."""
@@ -176,14 +188,7 @@ class SuffixSums:
         if shape.kind == "ramp":
             # Past its end a ramp has grown by its whole length l: (k + l)² - l² = k² + 2 l k is too much.
             past = _at(square + 2.0 * shape.frames * self.grown, onsets + shape.frames)
-        share, grown = shape.at_once, (square[onsets] - past) / shape.frames**2
-        cross = 2.0 * share * (1.0 - share) * self._grown(shape, onsets)
-        return share**2 * self.one[onsets] + cross + (1.0 - share) ** 2 * grown
-
-    def _grown(self, shape: Shape, onsets: Indices) -> Array:
-        """Σ φ x of what grows from nothing."""
-        past = _at(self.grown, onsets + shape.frames) if shape.kind == "ramp" else 0.0
-        return (self.grown[onsets] - past) / shape.frames
+        return np.asarray((square[onsets] - past) / shape.frames**2)
 
 
 def _from_here(x: Array) -> Array:

@@ -53,7 +53,8 @@ def test_amplitude_covers_and_onset_is_met() -> None:
 
 def test_onsets_of_faults_that_are_there_at_once_or_grow_are_where_they_begin() -> None:
     """Six of ten at once, the others in 3 to 30 s or grow on from a half: four of five intervals hold it."""
-    growing = {(0, 0.0): range(48), (6, 0.0): range(48, 60), (60, 0.0): range(60, 72), (60, 0.5): range(72, 80)}
+    first = {(0, 0.0): 0, (6, 0.0): 48, (60, 0.0): 60, (60, 0.5): 72}
+    growing = {k: range(a, b) for (k, a), b in zip(first.items(), (48, 60, 72, 80), strict=True)}
     held, off = list[bool](), dict[tuple[int, float], float]()
     for (grow, share), seeds in growing.items():
         logs = [drawn(seed, [(LEAK, 0.6, 40)], frames=160, grow=grow, share=share) for seed in seeds]
