@@ -76,8 +76,8 @@ def test_a_fault_beside_a_surer_one_is_said_as_second_ones_are(sure: Model) -> N
     assert (one.second, two.second) == (False, True) and one.score > two.score
     sure = sure.model_copy(deep=True)
     sure.calibration.second_midpoint = root(two.score)
-    share = sum(two.shares[f] for f in two.group)
-    assert said(two, sure).confidence == pytest.approx(0.5 * share, abs=1e-3)
+    answer, share = said(two, sure), sum(two.shares[f] for f in two.group)
+    assert answer.confidence == pytest.approx(0.5 * share, abs=1e-3) and answer.score == round(two.score, 2)
     assert said(replace(two, second=False), sure).confidence > 0.9 * share
 
 

@@ -14,7 +14,7 @@ from fdd.diagnosis.baseline import effects_of, history_of
 from fdd.diagnosis.decision import SAME_EFFECT, USUAL_SIZE, Found, beside_the_newest, decide, leading
 from fdd.diagnosis.departures import WITHIN_FRAMES
 from fdd.diagnosis.evidence import LAW_DOUBT, Amplitude, Evidence
-from fdd.diagnosis.hypotheses import STEP, Hypothesis, hypotheses
+from fdd.diagnosis.hypotheses import DATED, RAMP, STEP, Hypothesis, hypotheses
 from fdd.diagnosis.sequential_detector import RECOVERED_SHARE
 from fdd.residuals.balance_history import marginalised
 from fdd.residuals.bins import FRAME_S
@@ -53,19 +53,23 @@ def test_amplitude_covers_and_onset_is_met() -> None:
 
 def test_onsets_of_faults_that_are_there_at_once_or_grow_are_where_they_begin() -> None:
     """Six of ten at once, the others in 3 to 30 s or grow on from a half: four of five intervals hold it."""
-    first = {(0, 0.0): 0, (6, 0.0): 48, (60, 0.0): 60, (60, 0.5): 72}
-    growing = {k: range(a, b) for (k, a), b in zip(first.items(), (48, 60, 72, 80), strict=True)}
-    held, off = list[bool](), dict[tuple[int, float], float]()
-    for (grow, share), seeds in growing.items():
+    cases = {(0, 0.0): range(48), (6, 0.0): range(48, 60), (60, 0.0): range(60, 72), (60, 0.5): range(72, 80)}
+    held, off = list[bool](), list[float]()
+    for (grow, share), seeds in cases.items():
         logs = [drawn(seed, [(LEAK, 0.6, 40)], frames=160, grow=grow, share=share) for seed in seeds]
         leads = [decide(log, [LEAK], 4.0)[0][0].lead for log in logs]
         early, middle, late = np.array([f.onset_quantiles(0.1, 0.5, 0.9) for f in leads]).T
         held += ((early <= 40) & (late >= 40)).tolist()
-        off[grow, share] = abs(float(np.median(middle)) - 40.0)
+        off.append(abs(float(np.median(middle)) - 40.0))
         assert np.median([f.size for f in leads]) == pytest.approx(0.6, rel=0.1 + 0.1 * share)
     assert np.mean(held) >= 0.68, "0.8, but for one set of 80 in two hundred"
-    for case, frames in zip(growing, (1.0, 3.0, 6.0, 5.0), strict=True):
-        assert off[case] <= frames
+    assert np.all(np.array(off) <= (1.0, 3.0, 6.0, 5.0)), "frames"
+
+
+def test_shapes_that_both_the_search_and_the_dating_have_gain_the_same() -> None:
+    known = (evidence := drawn(5, [(LEAK, 0.5, 40), (DRIFT, 0.3, 60)])).fits([DRIFT], [])
+    sought, dated = evidence._gains([LEAK], known)[:2, 0], evidence._dated_gains(LEAK, known)
+    np.testing.assert_allclose(dated[[DATED.index(STEP), DATED.index(RAMP)]], sought, rtol=1e-9)
 
 
 def test_no_fault_seldom_passes_six() -> None:
