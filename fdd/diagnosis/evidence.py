@@ -265,14 +265,16 @@ class Evidence:
     def _dated_gains(self, h: Hypothesis, known: Sequence[Amplitude]) -> Array:
         """Gains (shapes, k) of a hypothesis with each of the shapes `DATED` over onsets."""
         profiles = np.array([time_profile_of(shape, self.frames, 0) for shape in DATED])
-        lam, b = np.full(1, 1.0 / h.scale**2), np.zeros(1)
+        lam = np.full((len(DATED), self.onsets.size), 1.0 / h.scale**2)
+        b = np.zeros_like(lam)
         for name in filter(self.balances.__contains__, h.columns):
             e, g = self.balances[name], h.columns[name]
             absorbed = np.einsum("hnz,n,z->hz", e.contribution, g, np.sqrt(e.variance))
             scores = np.column_stack([(e.rest - self._moved(name, known)) @ g, absorbed])
-            sums = correlated(profiles, scores)[:, self.onsets]
-            own = correlated(np.square(profiles), e.score_contribution(g) @ g[:, None])[:, self.onsets, 0]
-            lam, b = lam + own - np.sum(np.square(sums[..., 1:]), axis=2), b + sums[..., 0]
+            own = correlated(np.square(profiles), e.score_contribution(g) @ g[:, None])
+            for i, (sums, squares) in enumerate(zip(correlated(profiles, scores), own, strict=True)):
+                b[i] += sums[self.onsets, 0]
+                lam[i] += squares[self.onsets, 0] - np.sum(np.square(sums[self.onsets, 1:]), axis=1)
         return _gain(b, lam, np.array(h.signed))
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:

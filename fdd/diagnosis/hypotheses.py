@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -157,11 +158,12 @@ def coming_and_going(log_odds: Array) -> tuple[Array, Array]:
     return 1.0 - both[:, 0], both[:, 1]
 
 
-def correlated(profiles: Array, x: Array) -> Array:
-    """Sums over frames of x (h, z) times profiles (s, h) that begin with each frame, (s, h, z); by FFT."""
+def correlated(profiles: Array, x: Array) -> Iterator[Array]:
+    """Sums over frames of x (h, z) times each of the time profiles (s, h), begun with each frame; by FFT."""
     size = 2 * len(x)
-    product = np.fft.rfft(profiles, size).conj()[..., None] * np.fft.rfft(x, size, axis=0)
-    return np.asarray(np.fft.irfft(product, size, axis=1)[:, : len(x)])
+    transformed = np.fft.rfft(x, size, axis=0)
+    for profile in np.fft.rfft(profiles, size).conj():
+        yield np.fft.irfft(profile[:, None] * transformed, size, axis=0)[: len(x)]
 
 
 class SuffixSums:
