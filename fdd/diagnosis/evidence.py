@@ -263,7 +263,7 @@ class Evidence:
         return np.where(takes[..., None], np.moveaxis(_gain(b, lam, signed), 1, 2), -np.inf)
 
     def _dated_gains(self, h: Hypothesis, known: Sequence[Amplitude]) -> Array:
-        """Gains (shapes, k) of a hypothesis with each of the shapes `DATED` over onsets."""
+        """Gains (shapes, k) of a hypothesis with each of the shapes `DATED` over onsets, as `_gains`."""
         profiles = np.array([time_profile_of(shape, self.frames, 0) for shape in DATED])
         lam = np.full((len(DATED), self.onsets.size), 1.0 / h.scale**2)
         b = np.zeros_like(lam)
@@ -275,7 +275,8 @@ class Evidence:
             for i, (sums, squares) in enumerate(zip(correlated(profiles, scores), own, strict=True)):
                 b[i] += sums[self.onsets, 0]
                 lam[i] += squares[self.onsets, 0] - np.sum(np.square(sums[self.onsets, 1:]), axis=1)
-        return _gain(b, lam, np.array(h.signed))
+        takes = np.array([[shape.kind in h.time_profiles] for shape in DATED])
+        return np.where(takes, _gain(b, lam, np.array(h.signed)), -np.inf)
 
     def _moved(self, name: str, known: Sequence[Amplitude]) -> Array | float:
         """Score contribution (h, n) of known faults to a balance's frames, less the shift they cause."""
