@@ -160,7 +160,7 @@ def coming_and_going(log_odds: Array) -> tuple[Array, Array]:
 
 def correlated(profiles: Array, x: Array) -> Iterator[Array]:
     """Sums over frames of x (h, z) times each of the time profiles (s, h), begun with each frame; by FFT."""
-    size = 2 * len(x)
+    size = 2 * len(x)  # SciPy's own would transform x for each profile, in twice the time
     transformed = np.fft.rfft(x, size, axis=0)
     for profile in np.fft.rfft(profiles, size).conj():
         yield np.fft.irfft(profile[:, None] * transformed, size, axis=0)[: len(x)]
