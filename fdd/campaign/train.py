@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from sklearn.linear_model import LogisticRegression
 
 from fdd import __version__
 from fdd.campaign.dataset import SPLITS, Dataset, How, over_units
 from fdd.campaign.labels import HEALTHY, Entry
 from fdd.campaign.spreads import identified_unit
 from fdd.diagnosis.answering import hidden_share
+from fdd.diagnosis.decision import SECOND_FAULT
 from fdd.diagnosis.evidence import Z80
 from fdd.diagnosis.findings import FaultFinding
-from fdd.diagnosis.model import AlarmTail, Calibration, Model, odds_of, root
+from fdd.diagnosis.model import MINUTE_S, AlarmTail, Calibration, Model, odds_of, root
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.packages import CLASSIFIERS, additions
@@ -62,7 +62,8 @@ class ScoredLog:
     score : of the whole log. peak : the largest that stood meanwhile.
     healthy_s : s before a fault acts. doubt : std of the severity's logarithm that its 80 % interval lacked
         to hold the true one; NaN where another fault was answered. hidden : share of faults that it could
-        not have shown. later : of each finding beside a surer one its score's root and whether it was right.
+        not have shown. second : of each finding beside the leading one its `Found.second_evidence`, and
+        whether it was right.
     """
 
     family: str
@@ -73,7 +74,7 @@ class ScoredLog:
     hidden: float = 0.0
     faults: tuple[str, ...] = ()
     laws: tuple[tuple[str, str], ...] = ()
-    later: tuple[tuple[float, bool], ...] = ()
+    second: tuple[tuple[float, float, bool], ...] = ()
 
 
 def train(directories: Sequence[str | Path], *, spreads: Spreads | None = None, **how: Unpack[How]) -> Model:
@@ -112,15 +113,20 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     # faulty says nothing of how often an actuator is.
     of_logs = np.array([root(x.score) for x in brief])
     hidden = np.array([x.hidden for x in (*brief, *ill)])
-    slope, midpoint, power = likeliest_odds(np.append(of_logs, faulty), hidden, of_logs.size)
+    share = as_stated(np.array([len(x.faults) > 1 for x in ill]))
+    slope, midpoint, power = likeliest_odds(np.append(of_logs, faulty), hidden, share)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
     doubt = float(np.quantile(doubts, 0.8)) if doubts.size >= LEAST_LOGS else 0.15
-    second_midpoint, second_slope = second_logistic([pair for x in logs for pair in x.later])
+    least, longer = (
+        0.5 * float(np.quantile([root(x.score) for x in part], 1.0 - FALSE_VERDICTS)) ** 2
+        for part in (brief, lasting)
+    )
+    times = max(hours * 3600.0 / len(lasting), LASTING_S) / MINUTE_S
     calibration = Calibration(
         midpoint=round(midpoint, 3), slope=round(slope, 4), hidden_power=round(power, 3),
-        least=round(0.5 * float(np.quantile(of_logs, 1.0 - FALSE_VERDICTS)) ** 2, 3),
+        least=round(least, 3), least_growth=round(max(longer - least, 0.0) / math.log(times), 3),
         severity_doubt=round(math.hypot(LAW_SPREAD, doubt), 3),
-        second_midpoint=round(second_midpoint, 3), second_slope=round(second_slope, 4),
+        **second_logistic([(w, *one) for x, w in zip(ill, share.tolist(), strict=True) for one in x.second]),
     )  # fmt: skip
     taught = tuple(sorted({name for x in logs for name in x.faults}))
     laws: dict[str, list[str]] = {}
@@ -129,13 +135,24 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     return Model(data=data, tail=tail, calibration=calibration, faults=taught or None, laws=laws or None)
 
 
-def likeliest_odds(roots: Array, hidden: Array, healthy: int) -> tuple[float, float, float]:
-    """Slope, midpoint and power of `odds_of`, of largest likelihood for logs of which the first ones are
-    healthy, both kinds of one weight; a normal prior holds the slope where they are apart. `roots` (n,) are
-    of the logs' scores, `hidden` (n,) shares of faults that each could not have shown.
+def as_stated(pairs: NDArray[np.bool_]) -> Array:
+    """(n,) weights, of sum 1, of faulty logs of which some have `pairs` of faults, as many as one unit in
+    eight (`SECOND_FAULT`): a recipe may draw them more often."""
+    if pairs.all() or not pairs.any():
+        return np.full(pairs.size, 1.0 / pairs.size)
+    share = 1.0 / (1.0 + math.exp(SECOND_FAULT))
+    return np.where(pairs, share / pairs.sum(), (1.0 - share) / (~pairs).sum())
+
+
+def likeliest_odds(roots: Array, hidden: Array, faulty: Array) -> tuple[float, float, float]:
+    """Slope, midpoint and power of `odds_of`, of largest likelihood for logs of which the last ones are
+    faulty, with weights `faulty` (k,) of sum 1, and all others together weigh as much; a normal prior holds
+    the slope where they are apart. `roots` (n,) are of the logs' scores, `hidden` (n,) shares of faults that
+    each could not have shown.
     """
+    healthy = roots.size - faulty.size
     sign = np.where(np.arange(roots.size) < healthy, 1.0, -1.0)
-    weight = np.where(sign > 0.0, 0.5 / healthy, 0.5 / (roots.size - healthy))
+    weight = 0.5 * np.append(np.full(healthy, 1.0 / healthy), faulty)
 
     def loss(at: Array) -> float:
         odds = odds_of(roots, hidden, np.exp(at[0]), at[1], np.exp(at[2]))
@@ -146,18 +163,26 @@ def likeliest_odds(roots: Array, hidden: Array, healthy: int) -> tuple[float, fl
     return float(np.exp(found[0])), float(found[1]), float(np.exp(found[2]))
 
 
-def second_logistic(later: Sequence[tuple[float, bool]]) -> tuple[float, float]:
-    """Midpoint and slope of the probability of findings beside a surer one; `Calibration`'s own where there
-    are few, or larger scores were wrong more often. `later` : root of each one's score, and whether it was
-    right."""
-    if len({right for _, right in later}) == 2 and len(later) >= LEAST_LOGS:
-        roots, right = np.array(later, dtype=np.float64).T
-        fitted = LogisticRegression().fit(roots[:, None], right)
-        slope = float(fitted.coef_[0, 0])
-        if slope > 0.0:
-            return -float(fitted.intercept_[0]) / slope, slope
-    fields = Calibration.model_fields
-    return fields["second_midpoint"].default, fields["second_slope"].default
+def second_logistic(found: Sequence[tuple[float, float, float, bool]]) -> Figures:
+    """Fields of `Calibration.second` by logistic regression in which neither score nor gain speaks against a
+    fault; none where there are few findings, or larger scores were wrong more often. `found` : weight,
+    `Found.second_evidence` and rightness of findings beside a leading one."""
+    if len({right for *_, right in found}) < 2 or len(found) < LEAST_LOGS:
+        return {}
+    weight, *evidence, right = np.array(found, dtype=np.float64).T
+    m = np.column_stack([*evidence, np.ones(right.size)]) * (1.0 - 2.0 * right)[:, None]
+
+    def loss(at: Array) -> float:
+        return float(weight @ np.logaddexp(0.0, m @ at) / weight.mean()) + 0.5 * float(at[:2] @ at[:2])
+
+    bounds = [(0.0, None), (0.0, None), (None, None)]
+    slope, gain, start = minimize(loss, [0.3, 0.1, -2.0], bounds=bounds).x.tolist()
+    if slope < 1e-3:
+        return {}
+    return {
+        "second_midpoint": round(-start / slope, 3), "second_slope": round(slope, 4),
+        "second_gain": round(gain / slope, 4),
+    }  # fmt: skip
 
 
 def pareto(excess: Array) -> tuple[float, float]:
@@ -196,7 +221,10 @@ def _score(entry: Entry, samples: Samples, profile: Unit, model: Model) -> Score
         doubt=_doubt(entry, hydraulic, model.calibration.severity_doubt),
         hidden=hidden_share(found.not_visible), faults=tuple(f.fault for f in entry.faults),
         laws=tuple((f.fault, f.law) for f in entry.faults if f.law is not None),
-        later=tuple((root(f.score or 0.0), bool(names.intersection(f.ambiguity))) for f in hydraulic[1:]),
+        second=tuple(
+            (*beside, not names.isdisjoint(f.group))
+            for f in pipeline.found if (beside := f.second_evidence) is not None
+        ),
     )  # fmt: skip
 
 

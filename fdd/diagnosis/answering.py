@@ -65,7 +65,8 @@ def fault_finding(found: Found, model: Model, *, onset: float, span: Span) -> Fa
         "onset_s": round(onset, 2), "detected_s": round(span.end, 2), "onset_interval": interval,
     }  # fmt: skip
     titles = " and ".join(BALANCES[name].title for name in h.columns)
-    sure = model.calibration.probability(found.score, second=found.second)
+    beside, curve = found.second_evidence, model.calibration
+    sure = curve.probability(found.score) if beside is None else curve.second(*beside)
     if not found.known:
         return FaultFinding(
             fault="unknown", family="unknown", ambiguity=["unknown"], confidence=round(min(sure, 0.9999), 4),

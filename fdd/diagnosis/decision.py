@@ -8,6 +8,7 @@ amplitude.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from fdd.diagnosis.evidence import LAW_DOUBT, Amplitude, Evidence
 from fdd.diagnosis.hypotheses import RAMP, RECOVERED, Hypothesis, end_of
+from fdd.diagnosis.model import root
 
 SAME_EFFECT = 0.5
 """Correlation of columns from which two hypotheses explain the same change."""
@@ -43,19 +45,29 @@ class Found:
     Attributes
     ----------
     explained : share of the change of its balances that it explains, given the other findings.
-    second : whether it is beside the leading one.
+    gain_ratio : its gain over that of the leading finding, which it is beside; None of the leading one.
     """
 
     lead: Amplitude
     score: float
     shares: dict[str, float]
     explained: float = 1.0
-    second: bool = False
+    gain_ratio: float | None = None
 
     @property
     def known(self) -> bool:
         """Whether the catalogue has its cause, which explains enough of the change."""
         return self.explained >= UNKNOWN_BELOW
+
+    @property
+    def second_evidence(self) -> tuple[float, float] | None:
+        """What tells a fault beside the leading one from what that one's law leaves, which no fault explains
+        well, and which is small: the score's root times the share explained, and the logarithm of the gains'
+        ratio; None of the leading one."""
+        if self.gain_ratio is None:
+            return None
+        explained = self.explained if self.known else 1.0  # an unknown fault does not claim to explain it
+        return root(self.score) * explained, math.log(min(max(self.gain_ratio, 1e-5), 1e3))
 
     @property
     def group(self) -> list[str]:
@@ -107,8 +119,9 @@ def decide(
             begun = [f for f in once if f.lead.hypothesis.ends is None]
             first = leading([f.lead for f in begun], [f.score for f in begun]) if begun else None
             for f in once:
-                f.second = f.lead is not first
-            told = [f for f in once if not f.second or not _alike_a_larger(evidence, f, begun)]
+                beside = None if f.lead is first else first
+                f.gain_ratio = None if beside is None else f.lead.gain / max(beside.gain, 1e-9)
+            told = [f for f in once if f.gain_ratio is None or not _alike_a_larger(evidence, f, begun)]
             return told, score - against
         sure = [f for f in fits if f.score - against >= threshold]
         stand = [f for f in sure if f.hypothesis.label in standing and f.hypothesis.ends is None]

@@ -18,6 +18,7 @@ from fdd.diagnosis.answering import (
     versions_of,
 )
 from fdd.diagnosis.baseline import BASELINE_VERSION, effects_of
+from fdd.diagnosis.decision import Found
 from fdd.diagnosis.estimates import believed, estimates_of
 from fdd.diagnosis.evidence import Amplitude, Evidence
 from fdd.diagnosis.findings import Diagnosis, Estimate, FaultFinding, Quality, SensorState, Trajectories
@@ -72,7 +73,8 @@ class Pipeline(Restorable):
 
     Attributes
     ----------
-    fitted, score : by the last `finish`, every fault that explains anything on its own, and the whole log's.
+    found, fitted, score : by the last `finish`, what the balances show, every fault that explains anything on
+        its own, and the whole log's score.
 
     Examples
     --------
@@ -109,6 +111,7 @@ class Pipeline(Restorable):
         self._told: set[tuple[str, str]] = set()
         """Channel and kind of the sensor faults that were told."""
         self._scans: list[tuple[float, float]] = []
+        self.found: list[Found] = []
         self.fitted: list[Amplitude] = []
         self.score = 0.0
 
@@ -219,6 +222,12 @@ class Pipeline(Restorable):
         starts = [h * FRAME_S for h in history.frames]
         return self._acute.evaluate(evidence, Span(starts, starts[-1] + FRAME_S), self._first_time, even=even)
 
+    @property
+    def _even(self) -> float:
+        """Score for a verdict on what came so far."""
+        duration = self._last_time - self._first_time if self._count else 0.0
+        return min(self.model.calibration.even(duration), self.threshold)
+
     def _scan(self) -> list[FaultFinding]:
         evaluation = self._evaluate()
         if not self._tracked.keep:
@@ -256,16 +265,16 @@ class Pipeline(Restorable):
         quality = (quality or Quality()).model_copy(deep=True)
         duration = float(self._last_time - self._first_time) if self._count else 0.0
         faults = [sensor_fault(f) for f in self._sensors.findings()]
-        self.fitted, self.score, hydraulic, unseen = [], 0.0, list[FaultFinding](), []
+        self.found, self.fitted, self.score, hydraulic, unseen = [], [], 0.0, list[FaultFinding](), []
         rest = self._bins.rest()
         self._history.push(*rest)
         for added in self._added:
             added.push(*rest)
         if len(self._history.frames) >= VERDICT_FRAMES:
-            even = min(self.model.calibration.even, self.threshold)
+            even = self._even
             evaluation = self._evaluate(even)
             hydraulic, self.score = evaluation.findings, evaluation.stands
-            self.fitted = evaluation.evidence.alone
+            self.found, self.fitted = evaluation.found, evaluation.evidence.alone
             unseen = invisible(evaluation.evidence, self._hypotheses, even)
         for f in hydraulic:
             first = self._acute.active.alarms.get(f.family)
@@ -352,7 +361,7 @@ class Pipeline(Restorable):
             information_std={n: seen[n].information_std for n in OBSERVABLE},
             nis={m: r["nis"] for m, r in records.items()}, window_time=time,
             feature_names=names, features=misfit, statistic=statistic, threshold=self.threshold,
-            even=min(self.model.calibration.even, self.threshold),
+            even=self._even,
             probabilities=probabilities_over(time, statistic, now, self.model, hidden),
         )  # fmt: skip
 

@@ -33,13 +33,14 @@ class Evaluation:
 
     Attributes
     ----------
-    now : s, its time. findings : active ones. scores : largest of each of the last evaluations, this one
-        last. stands : the score that counts, see `SequentialDetector.evaluate`. labels : family to the
+    now : s, its time. found, findings : active ones. scores : largest of each of the last evaluations, this
+        one last. stands : the score that counts, see `SequentialDetector.evaluate`. labels : family to the
         leading hypothesis. over : family whose fault seems to have ended, to when (s).
     """
 
     now: float
     evidence: Evidence
+    found: list[Found]
     findings: list[FaultFinding]
     scores: list[float]
     stands: float
@@ -160,7 +161,7 @@ class SequentialDetector(Restorable):
             f.explained = f.explained if self.unknown else 1.0
             findings.append(fault_finding(f, self.model, onset=self._onset(f, span, first), span=span))
         return Evaluation(
-            span.end, evidence, findings, scores, stands,
+            span.end, evidence, found, findings, scores, stands,
             labels={_family(f): f.lead.hypothesis.label for f in found},
             over={fault(str(e.hypothesis.ends)).family: span.starts[e.onset] for e in ends},
         )  # fmt: skip

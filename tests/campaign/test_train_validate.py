@@ -16,10 +16,10 @@ from fdd.campaign.generate import _trouble, generate
 from fdd.campaign.labels import Label
 from fdd.campaign.recipe import Recipe
 from fdd.campaign.scores import Outcome, calibration_error, class_of, figures, macro_f1, visible_from
-from fdd.campaign.train import LAW_SPREAD, LEAST_LOGS, ScoredLog, learnt, pareto, second_logistic
+from fdd.campaign.train import LAW_SPREAD, LEAST_LOGS, ScoredLog, as_stated, learnt, pareto, second_logistic
 from fdd.campaign.validate import estimate_errors, outcomes_csv, report_text, summary, validate
 from fdd.diagnosis.findings import FaultFinding, Trajectories
-from fdd.diagnosis.model import Calibration, root
+from fdd.diagnosis.model import root
 from fdd.plant.state import Truth
 from fdd.residuals.oil import air_compliance
 from tests.made_up import answer, entry, finding, label
@@ -83,15 +83,38 @@ def test_severities_are_as_doubtful_as_their_errors() -> None:
 
 
 def test_findings_beside_a_surer_one_come_true_as_often_as_said() -> None:
-    """Drawn by a known curve; where they teach nothing, the assumed one."""
+    """Drawn by a known curve, right ones twice as often as they weigh; where they teach nothing, none."""
     rng = np.random.default_rng(1)
-    roots = rng.uniform(4.0, 16.0, 3000)
-    right = rng.random(roots.size) < 1.0 / (1.0 + np.exp(0.5 * (7.0 - roots)))
-    assert second_logistic(list(zip(roots, right, strict=True))) == pytest.approx((7.0, 0.5), rel=0.1)
-    assumed = tuple(Calibration.model_fields[f"second_{name}"].default for name in ("midpoint", "slope"))
-    assert second_logistic([(9.0, False), (1.0, True)] * (LEAST_LOGS // 2 - 1)) == assumed
-    assert second_logistic([(9.0, True)] * 20) == assumed
-    assert second_logistic([(9.0, False), (1.0, True)] * 20) == assumed, "no score speaks against a fault"
+    roots, sizes = rng.uniform(2.0, 16.0, 6000), rng.normal(-3.0, 2.0, 6000)
+    right = rng.random(roots.size) < 1.0 / (1.0 + np.exp(0.5 * (7.0 - roots - 0.6 * sizes)))
+    found = list(zip(np.where(right, 0.5, 1.0), roots, sizes, right, strict=True))
+    learnt_curve = second_logistic([*found, *(one for one in found if one[3])])
+    expected = {"second_midpoint": 7.0, "second_slope": 0.5, "second_gain": 0.6}
+    assert learnt_curve == pytest.approx(expected, rel=0.1)
+    assert second_logistic([(1.0, 9.0, 0.0, False), (1.0, 1.0, 0.0, True)] * (LEAST_LOGS // 2 - 1)) == {}
+    assert second_logistic([(1.0, 9.0, 0.0, True)] * 20) == {}
+    against = [(1.0, 9.0, 0.0, False), (1.0, 1.0, 0.0, True)] * 20
+    assert second_logistic(against) == {}, "no score speaks against a fault"
+    shrinking = [(1.0, r, -r / 2.0, r > 6.0) for r in np.linspace(1.0, 12.0, 40)]
+    assert second_logistic(shrinking)["second_gain"] == 0.0, "nor does a larger gain"
+
+
+def test_pairs_of_faults_weigh_what_one_unit_in_eight_has() -> None:
+    """However many a recipe draws; where there are none, or nothing else, all logs weigh the same."""
+    weights = as_stated(np.arange(50) < 30)
+    assert weights.sum() == pytest.approx(1.0) and weights[:30].sum() == pytest.approx(0.125, abs=0.01)
+    for alike in (np.zeros(4, dtype=bool), np.ones(4, dtype=bool)):
+        assert as_stated(alike).tolist() == [0.25] * 4
+
+
+def test_a_verdict_asks_of_each_length_what_one_healthy_log_in_fifty_reaches() -> None:
+    """Scores that grow by the length's logarithm: those of five minutes lie between those learnt from."""
+    each = -np.log(1.0 - np.arange(0.5, 500.0) / 500.0)
+    reached = {t: 2.0 * np.log(t) * each for t in (60.0, 300.0, 600.0)}
+    healthy = [replace(scored("healthy", s), healthy_s=t) for t in (60.0, 600.0) for s in reached[t]]
+    calibration = learnt([*healthy, *(x for x in drawn() if x.family != "healthy")], "made up").calibration
+    for t, scores in reached.items():
+        assert calibration.even(t) == pytest.approx(np.quantile(scores, 0.98), rel=0.01)
 
 
 def test_too_few_logs_teach_nothing() -> None:

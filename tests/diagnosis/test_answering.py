@@ -71,14 +71,18 @@ def test_what_no_column_knows_widens_a_severitys_interval(sure: Model, tiny_mode
 
 
 def test_a_fault_beside_a_surer_one_is_said_as_second_ones_are(sure: Model) -> None:
-    """By its own curve: a share of them is what the first one's law leaves, however large their scores."""
+    """By its own curve: what the first one's law leaves is explained by half, and small, at any score."""
     one, two = decide(drawn(2, [(INNER, 0.7, 25), (AIR, 0.6, 55)]), EVERY, 6.0)[0]
-    assert (one.second, two.second) == (False, True) and one.score > two.score
-    sure = sure.model_copy(deep=True)
-    sure.calibration.second_midpoint = root(two.score)
+    assert one.gain_ratio is None and two.gain_ratio == pytest.approx(two.lead.gain / one.lead.gain)
+    sure, two = sure.model_copy(deep=True), replace(two, explained=0.8)
+    sure.calibration.second_gain, ratio = 0.5, math.log(two.gain_ratio)
+    sure.calibration.second_midpoint = 0.8 * root(two.score) + 0.5 * ratio
     answer, share = said(two, sure), sum(two.shares[f] for f in two.group)
     assert answer.confidence == pytest.approx(0.5 * share, abs=1e-3) and answer.score == round(two.score, 2)
-    assert said(replace(two, second=False), sure).confidence > 0.9 * share
+    assert said(replace(two, explained=0.5), sure).confidence < 0.45 * share
+    assert said(replace(two, gain_ratio=0.1 * two.gain_ratio), sure).confidence < 0.45 * share
+    assert said(replace(two, gain_ratio=None), sure).confidence > 0.9 * share
+    assert said(replace(two, explained=0.1), sure).confidence > 0.5, "an unknown one explains nothing"
 
 
 def test_what_was_there_before_the_log_has_no_interval_of_its_onset(sure: Model) -> None:

@@ -295,7 +295,7 @@ def test_a_fault_that_heals_is_over_and_no_other_fault_its_opposite(seed: int) -
     found, _ = decide(evidence, [LEAK, opposite, DRIFT], 6.0, standing={"leak"})
     assert names(found) == ["leak", "recovered"]
     assert [f.lead.hypothesis.ends for f in found] == [None, "leak"]
-    assert not found[0].second, "its end casts no doubt on it"
+    assert found[0].gain_ratio is None, "its end casts no doubt on it"
     # The onset is placed before the end is known; a pipeline keeps the one that it told at first.
     assert abs(found[0].lead.onset - 25) <= 4 and abs(found[1].lead.onset - 45) <= 1
     assert found[0].lead.size == pytest.approx(0.8, abs=0.2)

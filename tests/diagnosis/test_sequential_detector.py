@@ -113,7 +113,7 @@ LEAK = finding("internal_leakage", 10.0)
 
 def evaluation(now: float, *findings: FaultFinding, over: dict[str, float] | None = None) -> Evaluation:
     labels = {f.family: f"label of {f.family}" for f in findings}
-    return Evaluation(now, drawn(1, frames=5), list(findings), [9.0], 9.0, labels, over or {})
+    return Evaluation(now, drawn(1, frames=5), [], list(findings), [9.0], 9.0, labels, over or {})
 
 
 def test_a_fault_is_new_once_and_gone_when_three_looks_running_missed_it() -> None:
