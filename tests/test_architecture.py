@@ -25,10 +25,6 @@ FILES = [p for package in ("fdd", "estimators", "reports") for p in sorted((ROOT
 MODULES = [p for p in FILES if p.suffix == ".py"]
 LINKING = {".py", ".j2", ".yaml", ".md", ".json", ".html", ".css", ".js", ".toml"}
 LONGEST = 450
-UNSAFE_MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
-UNSAFE_NAMES = {"eval", "exec", "compile", "__import__"}
-UNSAFE_YAML = {"load", "load_all", "unsafe_load", "unsafe_load_all", "full_load", "full_load_all"}
-UNSAFE_KEYWORDS = {"allow_pickle", "shell"}
 # Readers of papers follow DOIs; anything else the product fetches or links is a decision to be taken here.
 HOSTS = {"127.0.0.1", "doi.org", "filterpy.readthedocs.io", "json-schema.org", "www.w3.org"}
 
@@ -44,23 +40,6 @@ def imported(tree: ast.AST) -> set[str]:
     return found
 
 
-def unsafe(source: str) -> list[str]:
-    """What in a module could run code that stands in a file, as ``line: what``."""
-    tree = ast.parse(source)
-    found = [name for name in imported(tree) if name.split(".")[0] in UNSAFE_MODULES]
-    for node in ast.walk(tree):
-        if not isinstance(node, ast.Call):
-            continue
-        call = ast.unparse(node.func)
-        if call in UNSAFE_NAMES or (call.startswith("yaml.") and call.split(".")[-1] in UNSAFE_YAML):
-            found.append(f"{node.lineno}: {call}")
-        for keyword in node.keywords:
-            is_false = isinstance(keyword.value, ast.Constant) and keyword.value.value is False
-            if keyword.arg in UNSAFE_KEYWORDS and not is_false:
-                found.append(f"{node.lineno}: {call}({keyword.arg}=...)")
-    return found
-
-
 def of(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
@@ -73,19 +52,8 @@ def test_no_room_goes_through_the_doors() -> None:
 
 
 def test_nothing_runs_code_from_a_file() -> None:
-    found = {of(p): unsafe(p.read_text("utf-8")) for p in MODULES}
-    assert {path: lines for path, lines in found.items() if lines} == {}
-
-
-SEEN = [
-    "import pickle", "def f():\n    from joblib import load", "import yaml\nyaml.load(text)", "eval('1')",
-    "numpy.load(path, allow_pickle=True)", "subprocess.run(line, shell=True)",
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("source", SEEN)
-def test_that_check_sees(source: str) -> None:
-    assert len(unsafe(source)) >= 1
+    """Ruff refuses what does (S, TID251), but not this argument."""
+    assert [of(p) for p in MODULES if "allow_pickle=True" in p.read_text("utf-8")] == []
 
 
 def test_modules_can_be_read_in_one_sitting() -> None:
