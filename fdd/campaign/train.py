@@ -23,7 +23,7 @@ from fdd.diagnosis.answering import hidden_share
 from fdd.diagnosis.decision import SECOND_FAULT
 from fdd.diagnosis.evidence import Z80
 from fdd.diagnosis.findings import FaultFinding
-from fdd.diagnosis.model import MINUTE_S, AlarmTail, Calibration, Model, odds_of, root
+from fdd.diagnosis.model import AlarmTail, Calibration, Model, odds_of, root
 from fdd.diagnosis.pipeline import Pipeline
 from fdd.errors import InputError
 from fdd.packages import CLASSIFIERS, additions
@@ -117,14 +117,9 @@ def learnt(logs: list[ScoredLog], data: str) -> Model:
     slope, midpoint, power = likeliest_odds(np.append(of_logs, faulty), hidden, share)
     doubts = np.array([x.doubt for x in logs if np.isfinite(x.doubt)])
     doubt = float(np.quantile(doubts, 0.8)) if doubts.size >= LEAST_LOGS else 0.15
-    least, longer = (
-        0.5 * float(np.quantile([root(x.score) for x in part], 1.0 - FALSE_VERDICTS)) ** 2
-        for part in (brief, lasting)
-    )
-    times = max(hours * 3600.0 / len(lasting), LASTING_S) / MINUTE_S
     calibration = Calibration(
         midpoint=round(midpoint, 3), slope=round(slope, 4), hidden_power=round(power, 3),
-        least=round(least, 3), least_growth=round(max(longer - least, 0.0) / math.log(times), 3),
+        least=round(0.5 * float(np.quantile(of_logs, 1.0 - FALSE_VERDICTS)) ** 2, 3),
         severity_doubt=round(math.hypot(LAW_SPREAD, doubt), 3),
         **second_logistic([(w, *one) for x, w in zip(ill, share.tolist(), strict=True) for one in x.second]),
     )  # fmt: skip

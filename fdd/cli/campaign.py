@@ -140,7 +140,7 @@ def train(
     )
     print(
         f"Where one log in {1.0 / worth.prior:.0f} is faulty, a log is called so from a score of "
-        f"{worth.even():.1f} on; one healthy minute in fifty reaches {worth.least:.1f}."
+        f"{worth.even:.1f} on; one healthy log in fifty reaches {worth.least:.1f}."
     )
     print(f"Model written to {out}")
 

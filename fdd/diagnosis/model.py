@@ -26,8 +26,6 @@ from fdd.yaml_reading import yaml_text
 SHIPPED = "model.json"
 HELD_IN_DOUBT = 0.5
 """Confidence below which a finding is a hint: it makes no verdict, and does not count as answered."""
-MINUTE_S = 60.0
-"""s of a log up to which a verdict asks the same score."""
 MOST = 1e6
 """Of a score, an hour or a rate; beyond it no data set reaches."""
 
@@ -92,9 +90,8 @@ class Calibration(BaseModel):
     ----------
     prior : the same before the log was seen; learnt curves hold for even odds. midpoint, slope : logistic of
         the score's `root`, for faults that leave a trace. hidden_power : the share of faults that leave none
-        is this power of the share that the log could not have shown. least : score that one healthy log of a
-        minute in fifty reaches, which a verdict asks at least. least_growth : nats by which it is more for
-        each factor e of length, as in a longer log a fault may have begun at more moments.
+        is this power of the share that the log could not have shown. least : score that one healthy log in
+        fifty reaches, which a verdict asks at least.
     second_midpoint, second_slope, second_gain : logistic of what tells findings beside the leading one.
     severity_doubt : std of a severity's logarithm by what no column knows, as how turbulent a leak is or how
         a seal wears.
@@ -105,7 +102,6 @@ class Calibration(BaseModel):
     slope: float = Field(gt=0, le=MOST)
     hidden_power: float = Field(default=1.0, gt=0.0, le=MOST)
     least: float = Field(default=0.0, ge=0.0, le=MOST)
-    least_growth: float = Field(default=0.0, ge=0.0, le=MOST)
     second_midpoint: float = Field(default=6.0, ge=-MOST, le=MOST)
     second_slope: float = Field(default=0.3, gt=0.0, le=MOST)
     second_gain: float = Field(default=0.0, ge=0.0, le=MOST)
@@ -140,21 +136,19 @@ class Calibration(BaseModel):
         odds = odds_of(at, 0.0, self.second_slope, self.second_midpoint, 1.0)
         return float(odds / (1.0 + odds))
 
-    def even(self, duration: float = MINUTE_S) -> float:
-        """Score from which on a log of `duration` (s) is called faulty: at even odds a fault is likelier than
-        not, and at most one healthy log in fifty scores as high.
+    @property
+    def even(self) -> float:
+        """Score from which on a log is called faulty: at even odds a fault is likelier than not, and at most
+        one healthy log in fifty scores as high.
 
         Examples
         --------
-        >>> Calibration(midpoint=4.0, slope=1.0).even()
-        8.0
-        >>> longer = Calibration(midpoint=2.0, slope=1.0, least=4.5, least_growth=1.0)
-        >>> longer.even(30.0), round(longer.even(600.0), 2)
-        (4.5, 6.8)
+        >>> Calibration(midpoint=4.0, slope=1.0).even, Calibration(midpoint=2.0, slope=1.0, least=4.5).even
+        (8.0, 4.5)
         """
-        least = self.least + self.least_growth * math.log(max(duration / MINUTE_S, 1.0))
         odds = math.log(self.prior / (1.0 - self.prior))
-        return 0.5 * max(max(self.midpoint, root(least)) - odds / self.slope, 0.0) ** 2
+        least = max(self.midpoint, root(self.least)) - odds / self.slope
+        return 0.5 * max(least, 0.0) ** 2
 
 
 class Model(BaseModel):

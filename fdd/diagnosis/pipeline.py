@@ -222,12 +222,6 @@ class Pipeline(Restorable):
         starts = [h * FRAME_S for h in history.frames]
         return self._acute.evaluate(evidence, Span(starts, starts[-1] + FRAME_S), self._first_time, even=even)
 
-    @property
-    def _even(self) -> float:
-        """Score for a verdict on what came so far."""
-        duration = self._last_time - self._first_time if self._count else 0.0
-        return min(self.model.calibration.even(duration), self.threshold)
-
     def _scan(self) -> list[FaultFinding]:
         evaluation = self._evaluate()
         if not self._tracked.keep:
@@ -271,7 +265,7 @@ class Pipeline(Restorable):
         for added in self._added:
             added.push(*rest)
         if len(self._history.frames) >= VERDICT_FRAMES:
-            even = self._even
+            even = min(self.model.calibration.even, self.threshold)
             evaluation = self._evaluate(even)
             hydraulic, self.score = evaluation.findings, evaluation.stands
             self.found, self.fitted = evaluation.found, evaluation.evidence.alone
@@ -361,7 +355,7 @@ class Pipeline(Restorable):
             information_std={n: seen[n].information_std for n in OBSERVABLE},
             nis={m: r["nis"] for m, r in records.items()}, window_time=time,
             feature_names=names, features=misfit, statistic=statistic, threshold=self.threshold,
-            even=self._even,
+            even=min(self.model.calibration.even, self.threshold),
             probabilities=probabilities_over(time, statistic, now, self.model, hidden),
         )  # fmt: skip
 

@@ -107,16 +107,6 @@ def test_pairs_of_faults_weigh_what_one_unit_in_eight_has() -> None:
         assert as_stated(alike).tolist() == [0.25] * 4
 
 
-def test_a_verdict_asks_of_each_length_what_one_healthy_log_in_fifty_reaches() -> None:
-    """Scores that grow by the length's logarithm: those of five minutes lie between those learnt from."""
-    each = -np.log(1.0 - np.arange(0.5, 500.0) / 500.0)
-    reached = {t: 2.0 * np.log(t) * each for t in (60.0, 300.0, 600.0)}
-    healthy = [replace(scored("healthy", s), healthy_s=t) for t in (60.0, 600.0) for s in reached[t]]
-    calibration = learnt([*healthy, *(x for x in drawn() if x.family != "healthy")], "made up").calibration
-    for t, scores in reached.items():
-        assert calibration.even(t) == pytest.approx(np.quantile(scores, 0.98), rel=0.01)
-
-
 def test_too_few_logs_teach_nothing() -> None:
     few = [scored("healthy", 1.0)] * (LEAST_LOGS - 1) + [scored("leakage", 9.0)] * 20
     assert f"{LEAST_LOGS - 1} healthy and 20 faulty" in refused(lambda: learnt(few, "made up"))
