@@ -85,7 +85,8 @@ class ActiveFaults:
         seen = {f.family: f for f in reversed(evaluation.findings)}
         over = []
         for family, since in evaluation.over.items():
-            if evaluation.now - since >= RECOVERED_S and family in self.now:
+            again = family in seen and seen[family].onset_s > since  # else it would be raised anew each look
+            if evaluation.now - since >= RECOVERED_S and family in self.now and not again:
                 finding, _ = self.now.pop(family)
                 over.append((finding.onset_s, since))
                 self.recovered.add(family)

@@ -154,6 +154,17 @@ def test_a_fault_is_over_once_it_has_been_gone_for_a_minute() -> None:
     assert active.past({"leakage"}, 0.0) == [], "but not twice"
 
 
+def test_a_fault_that_began_again_after_an_end_of_its_family_is_not_over() -> None:
+    """Nor raised anew, however long ago the end was."""
+    active = ActiveFaults()
+    later = finding("internal_leakage", 60.0)
+    raised = [
+        active.take(evaluation(now, later, over={"leakage": 40.0}), 0.0) for now in (90.0, 101.0, 106.0)
+    ]
+    assert [families(fresh) for fresh, _ in raised] == [["leakage"], [], []]
+    assert not any(over for _, over in raised)
+
+
 def test_an_alarm_that_the_evidence_at_hand_refutes_is_not_told() -> None:
     """Gone though its onset is still in sight: it was none. Older than that: nothing speaks against it."""
     active = ActiveFaults()
