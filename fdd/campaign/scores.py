@@ -34,11 +34,13 @@ class Outcome:
     ----------
     errors : ``{(method, quantity): (median relative error, share of time observable)}`` of the estimates,
         against the truth in units of the profile's own geometry.
+    alarms : raised while the log was pushed.
     """
 
     entry: Entry
     found: Diagnosis
     errors: dict[tuple[str, str], tuple[float, float]]
+    alarms: int = 0
 
     @property
     def said(self) -> list[FaultFinding]:
@@ -218,8 +220,9 @@ def figures(outcomes: Sequence[Outcome]) -> str:
         + wilson(sum(t.fault in a.ambiguity for t, a in hits), len(hits)),
         f"two faults at once, both named: {wilson(sum(n > 1 for n in named), len(named))}; "
         f"one of them: {wilson(sum(n > 0 for n in named), len(named))}",
-        f"healthy logs alarmed: {wilson(sum(bool(o.found.faults) for o in healthy), len(healthy))}; "
-        + rate(sum(len(o.found.faults) for o in healthy), sum(o.entry.duration_s for o in healthy) / 3600.0),
+        f"healthy logs with a fault in their answer: "
+        f"{wilson(sum(bool(o.found.faults) for o in healthy), len(healthy))}; alarms raised on the way: "
+        + rate(sum(o.alarms for o in healthy), sum(o.entry.duration_s for o in healthy) / 3600.0),
         f"80 % intervals of severity hold the true one: {wilson(sum(sized), len(sized))}",
         f"80 % intervals of the onset hold the true one: {wilson(sum(dated), len(dated))}",
         f"calibration error of all leading statements: {error:.3f}; of calibrated ones, on as many logs, "

@@ -38,10 +38,10 @@ def _unit_outcomes(data: Dataset, unit: str, model: Model) -> list[Outcome]:
     profile, true, outcomes = identified_unit(data, unit), data.true_unit(unit), []
     for entry in data.logs_of(unit):
         pipeline = Pipeline(profile, model, axis=entry.unit, log=entry.file)
-        pipeline.push(data.samples(entry))
+        alarms = len(pipeline.push(data.samples(entry)))
         found = pipeline.finish()
         errors = estimate_errors(pipeline.trajectories(), data.truth(entry), profile, true)
-        outcomes.append(Outcome(entry, found, errors))
+        outcomes.append(Outcome(entry, found, errors, alarms))
     return outcomes
 
 
