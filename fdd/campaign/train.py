@@ -154,7 +154,10 @@ def likeliest_odds(roots: Array, hidden: Array, faulty: Array) -> tuple[float, f
         return float(weight @ np.log1p(odds**sign)) + 0.5 * float(np.exp(2.0 * at[0])) / roots.size
 
     bounds = [(-7.0, 4.0), (0.0, float(roots.max()) + 1.0), (-3.0, 3.0)]
-    found = minimize(loss, [0.0, float(np.median(roots)), 0.0], method="Powell", bounds=bounds).x
+    # From several midpoints: where the logs are far apart, there are others that nothing near betters.
+    starts = ([0.0, middle, 0.0] for middle in np.quantile(roots, (0.1, 0.3, 0.5, 0.7)).tolist())
+    tried = [minimize(loss, start, method="Powell", bounds=bounds) for start in starts]
+    found = min(tried, key=lambda each: each.fun).x
     return float(np.exp(found[0])), float(found[1]), float(np.exp(found[2]))
 
 

@@ -82,6 +82,16 @@ def test_severities_are_as_doubtful_as_their_errors() -> None:
     assert doubt == pytest.approx(np.hypot(0.32, LAW_SPREAD), abs=0.01)
 
 
+def test_logs_far_apart_are_parted_between_them() -> None:
+    """Quiet logs and gross faults, one of which left no trace, in logs that would have shown most."""
+    rng = np.random.default_rng(0)
+    roots = [*[0.0] * 15, *rng.uniform(0.0, 1.8, 6), *rng.uniform(3.5, 22.5, 99)]
+    hidden = rng.uniform(0.02, 0.24, len(roots))
+    logs = [scored("healthy" if k < 20 else "leakage", 0.5 * r**2) for k, r in enumerate(roots)]
+    logs = [replace(x, hidden=h) for x, h in zip(logs, hidden, strict=True)]
+    assert 1.5 < learnt(logs, "made up").calibration.midpoint < 4.0
+
+
 def test_findings_beside_a_surer_one_come_true_as_often_as_said() -> None:
     """Drawn by a known curve, right ones twice as often as they weigh; where they teach nothing, none."""
     rng = np.random.default_rng(1)
@@ -91,10 +101,9 @@ def test_findings_beside_a_surer_one_come_true_as_often_as_said() -> None:
     learnt_curve = second_logistic([*found, *(one for one in found if one[3])])
     expected = {"second_midpoint": 7.0, "second_slope": 0.5, "second_gain": 0.6}
     assert learnt_curve == pytest.approx(expected, rel=0.1)
-    assert second_logistic([(1.0, 9.0, 0.0, False), (1.0, 1.0, 0.0, True)] * (LEAST_LOGS // 2 - 1)) == {}
-    assert second_logistic([(1.0, 9.0, 0.0, True)] * 20) == {}
-    against = [(1.0, 9.0, 0.0, False), (1.0, 1.0, 0.0, True)] * 20
-    assert second_logistic(against) == {}, "no score speaks against a fault"
+    against = [(1.0, 9.0, 0.0, False), (1.0, 1.0, 0.0, True)]  # no score speaks against a fault
+    for taught in (against * (LEAST_LOGS // 2 - 1), against[1:] * 20, against * 20):
+        assert second_logistic(taught) == {}
     shrinking = [(1.0, r, -r / 2.0, r > 6.0) for r in np.linspace(1.0, 12.0, 40)]
     assert second_logistic(shrinking)["second_gain"] == 0.0, "nor does a larger gain"
 
@@ -103,8 +112,7 @@ def test_pairs_of_faults_weigh_what_one_unit_in_eight_has() -> None:
     """However many a recipe draws; where there are none, or nothing else, all logs weigh the same."""
     weights = as_stated(np.arange(50) < 30)
     assert weights.sum() == pytest.approx(1.0) and weights[:30].sum() == pytest.approx(0.125, abs=0.01)
-    for alike in (np.zeros(4, dtype=bool), np.ones(4, dtype=bool)):
-        assert as_stated(alike).tolist() == [0.25] * 4
+    assert [as_stated(np.full(4, alike)).tolist() for alike in (True, False)] == [[0.25] * 4] * 2
 
 
 def test_too_few_logs_teach_nothing() -> None:
@@ -281,7 +289,6 @@ def test_bulk_modulus_is_compared_at_the_profiles_reference_pressure() -> None:
     """Of oil and free air in it, whose compliances add up (thesis eq. 5.21)."""
     axis = Unit.load("axis_a")
     oil = axis.oil
-
     pressures = (oil.reference_pressure, 2.0 * oil.reference_pressure)
     here, there = (float(air_compliance(p, oil.polytropic_index)) for p in pressures)
     stiff, share = 1.0 / oil.bulk_modulus - oil.air_fraction * here, oil.air_fraction + 0.004

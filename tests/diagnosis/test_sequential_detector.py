@@ -156,8 +156,7 @@ def test_a_fault_is_over_once_it_has_been_gone_for_a_minute() -> None:
 
 def test_a_fault_that_began_again_after_an_end_of_its_family_is_not_over() -> None:
     """Nor raised anew, however long ago the end was."""
-    active = ActiveFaults()
-    later = finding("internal_leakage", 60.0)
+    active, later = ActiveFaults(), finding("internal_leakage", 60.0)
     raised = [
         active.take(evaluation(now, later, over={"leakage": 40.0}), 0.0) for now in (90.0, 101.0, 106.0)
     ]

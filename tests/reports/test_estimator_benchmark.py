@@ -93,8 +93,7 @@ def test_the_plants_truth_becomes_states():
     truth, model, every = data.truth, data.tracking.model, data.truth.states
     np.testing.assert_allclose(data.block[:, layout.POSITION] * 1e3, every[:, eha.X], atol=2e-3)
     assert 0.2 < every[0, eha.LEAK] < 2.0
-    # The last two of three seconds, in which no valve feeds the chamber.
-    alone = slice(np.flatnonzero(every[:, eha.P1] < truth.accumulator + 0.03)[-1] + 1, None)
+    alone = slice(np.flatnonzero(every[:, eha.P1] < truth.accumulator + 0.03)[-1] + 1, None)  # no valve feeds
     x = every[alone]
     pump, drop = model.displacement * (1.0 + x[0, eha.GAIN]), x[:, eha.P1] - x[:, eha.P2]
     soft = np.array([eha.compliance(p, a, model)[0] for p, a in x[1:, [eha.P1, eha.AIR]]])
