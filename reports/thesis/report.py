@@ -91,7 +91,7 @@ class Row(NamedTuple):
 def thesis(
     out: OutOption = FOLDER, seed: Annotated[int, typer.Option(min=0, max=10_000, help="Of all trials.")] = 0
 ) -> None:
-    """Repeat the thesis's experiments on the plant, its numbers beside the thesis's (a minute)."""
+    """Repeat the thesis's experiments on the plant, its numbers beside the thesis's (3 min)."""
     require_folder(out, pictures=True)
     sections = []
     with progress("the thesis's experiments", float(len(EXPERIMENTS))) as advance:

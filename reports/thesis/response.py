@@ -60,7 +60,7 @@ def identify_motor(unit: Unit, seed: int, details: Details | None = None) -> Ide
     command = np.concatenate([np.zeros(_REST), rig.VOLT * rig.identification_volts(SECONDS, seed)])
     log = rig.run_speed(unit, command, details=details, seed=seed).samples
     signals = _seen(command, log["pump_angle"], _REST)
-    found = _best_fit(range(4), *signals, zeros=1, poles=2, highest_hz=150.0)
+    found = _best_fit(range(4), *signals, zeros=1, poles=2)
     return Identified(*found, *signals, float(np.max(np.abs(log["motor_current"]))))
 
 

@@ -37,6 +37,8 @@ VOLT = 31.416
 """Commanded pump speed per volt (rad/s): 3000 rpm at 10 V."""
 THOUSAND_RPM = 104.7
 """Pump speed of section 5.2 (rad/s)."""
+FIRST_HZ = (20.0, 60.0, 150.0)
+"""Hz, up to which a transfer function's first guesses look at the response."""
 
 
 def run_speed(
@@ -217,9 +219,7 @@ def held_input(command: Array) -> Array:
 def windowed_response(given: Array, caused: Array) -> tuple[Array, ComplexArray]:
     """Transfer function estimate through a "128 point size Hamming window" (section 6.2): as in the toolbox
     that the thesis used, over so many lags of the correlations to either side, which smooths over some 8 Hz.
-
-    Gives frequency, from 0 to 100 Hz, and response, (401,) each.
-    """
+    Gives frequency, from 0 to 100 Hz, and response, (401,) each."""
     u, y, points = given - given.mean(), caused - caused.mean(), 128
     lags = np.arange(-points, points + 1)
     middle = slice(u.size - 1 - points, u.size + points)
@@ -240,15 +240,14 @@ def response_at(given: Array, caused: Array, frequency: float) -> complex:
 
 
 def fit_output_error(
-    given: Array, caused: Array, *, zeros: int, poles: int, delay: float, highest_hz: float = 60.0
+    given: Array, caused: Array, *, zeros: int, poles: int, delay: float
 ) -> tuple[TransferFunction, float]:  # fmt: skip
     """Continuous transfer function whose own response to the input comes nearest to the output, and its fit:
     1 for all of the output explained, 0 for no better than the mean.
 
     `given`, `caused`: (n,) input (see `held_input`) and output, from rest. `delay`: s, a whole number of
-    periods. `highest_hz`: up to which the first guess looks at the response.
+    periods. The best of the optima that are found from a first guess by each of `FIRST_HZ`.
     """
-    start = _rational_guess(given, caused, zeros, poles, delay, highest_hz)
 
     def model(theta: Array) -> TransferFunction:
         # Powers of s/100, which are of one size, back to s in 1/s; poles on the wrong side are turned over.
@@ -264,7 +263,9 @@ def fit_output_error(
     def error(theta: Array) -> Array:
         return np.asarray((model(theta).simulate(given) - caused) / spread)
 
-    solved = least_squares(error, start, method="lm", x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=300)
+    starts = (_rational_guess(given, caused, zeros, poles, delay, highest) for highest in FIRST_HZ)
+    solved = min((least_squares(error, x, method="lm", x_scale=np.maximum(np.abs(x), 1e-3), max_nfev=300)
+                  for x in starts), key=lambda found: found.cost)  # fmt: skip
     return model(solved.x), 1.0 - float(np.linalg.norm(solved.fun))
 
 
@@ -280,8 +281,7 @@ def _rational_guess(
     g = response[used] * np.exp(100.0 * s * delay)
     low = s[:, None] ** np.arange(poles - 1, -1, -1.0)
     top = s[:, None] ** np.arange(zeros, -1, -1.0)
-    divisor = np.ones_like(s)
-    theta = np.zeros(poles + zeros + 1)
+    divisor, theta = np.ones_like(s), np.zeros(poles + zeros + 1)
     for _ in range(20):
         w = (weight / np.abs(divisor))[:, None]
         m = np.hstack([g[:, None] * low, -top]) * w
