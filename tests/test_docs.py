@@ -147,6 +147,14 @@ def test_the_site_loads_nothing_from_the_network(site: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_site_is_searched_from_a_disk(site: Path) -> None:
+    chromium = shutil.which("chromium") or pytest.skip("no Chromium on this machine")
+    flags = ("--headless", "--no-sandbox", "--virtual-time-budget=20000", "--dump-dom")
+    page = (site / "index.html").as_uri() + "?q=bulk%20modulus"
+    assert subprocess.check_output([chromium, *flags, page], timeout=120).count(b"md-search-result__item") > 5
+
+
+@pytest.mark.slow
 def test_what_links_of_the_site_lead_to_is_there(site: Path) -> None:
     """Pictures and pages, also those that Markdown does not check: HTML, search, styles."""
     for page in site.rglob("*.html"):

@@ -224,7 +224,7 @@ def energy_gap(wild: Wild, duration: float = 0.4) -> float:
     faults = [spec for spec in wild.scenario.faults if spec.onset < duration]
     scenario = wild.scenario.model_copy(update={"duration": duration, "faults": faults})
     share = np.inf
-    for nodes in (12, 40):
+    for nodes in (12, 40, 100):
         # Corners of friction and valves within a millisecond are what the fewer nodes miss.
         run = fine_run(unit, scenario, partner=partner, nodes=nodes)
         gap, through = energies(run).gap(run)

@@ -60,10 +60,7 @@ def test_commands_are_found_one_after_the_other():
 
 def test_the_shell_offers_commands_and_options():
     """What bash would show after a line; its last word is being typed."""
-    offered = {
-        "fdd d": ["diagnose", "demo"],
-        "fdd identify run.mcap --ba": ["--base"],
-    }
+    offered = {"fdd d": ["diagnose", "demo"], "fdd identify run.mcap --ba": ["--base"]}
     program = (
         "for line in sys.argv[1:]:\n"
         "    os.environ |= {'COMP_WORDS': line, 'COMP_CWORD': str(line.count(' '))}\n"
